@@ -1,0 +1,138 @@
+// backend.h: the whole interface between the renderer and a device.
+//
+// Eight calls, mandatory in every backend: enumerate, open, build, launch, alloc, write, read, wait.
+// Nothing above backends/ sees a driver's type, and nothing outside a backend asks which backend it is:
+// what a device can do is in DeviceInfo, found out by probes.
+//
+// Ownership is by handle: a Buffer or Program keeps what it needs of its device alive and releases it when
+// the last handle goes. A Device is used by one thread at a time; different devices may run in parallel.
+#pragma once
+
+#include "support/result.h"
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+namespace rt {
+
+// A driver's peculiarity that rt works round, and why; shown by `rt devices -v`.
+struct Quirk {
+	std::string flag;
+	std::string reason;
+};
+
+enum class DeviceKind { Gpu, Cpu, Accelerator, Host };
+
+// What is known of a device before it is opened.
+struct DeviceInfo {
+	std::string backend;  // "cuda", "opencl", "reference"
+	std::string platform; // OpenCL platform, "NVIDIA CUDA", "host compiler"
+	std::string name;     // as the driver says it
+	std::string driver;   // version
+	std::string compiler; // what turns kernel text into code, with version; empty if not known yet
+	std::string id;       // stable: "pci:0000:3b:00.0", "uuid:...", "cpu:..."; empty if there is none
+	std::string pci;      // PCI address "0000:3b:00.0" or empty; equal in all views of one GPU
+	std::string uuid;     // 8-4-4-4-12 lower-case hex digits or empty; tells parts of one PCI device apart
+	DeviceKind kind = DeviceKind::Cpu;
+	std::uint64_t memory_bytes = 0;     // device memory (host memory for a CPU)
+	std::uint64_t max_alloc_bytes = 0;  // largest single buffer
+	std::uint32_t compute_units = 0;
+	std::uint32_t native_lanes = 1;     // RT_LANES this device is best given: its native float width
+	bool hardware_seeds = false;        // kernels reach rsqrt/rcp approximations: our own roots are then the faster ones
+	bool reports_correct_rounding = false; // the driver says / and sqrt are correctly rounded (not relied on)
+	bool reports_subnormals = false;
+	bool reports_fp64 = false;
+	std::vector<Quirk> quirks;
+	bool only_if_named = false; // so slow (an interpreter) that it is chosen only where nothing else is, or by name
+	bool usable = true;
+	std::string why_not; // when not usable
+	int index_in_backend = 0; // what open() uses to find it again
+};
+
+// A reason for which devices may be missing: a driver absent, or present and not registered.
+struct Absence {
+	std::string backend;
+	std::string reason; // "no NVIDIA driver: libcuda.so.1 was not found"
+	std::string cure;   // packages for Debian/Ubuntu, Fedora and Arch; may have several lines
+};
+
+struct Enumeration {
+	std::vector<DeviceInfo> devices;
+	std::vector<Absence> absences;
+};
+
+// Device memory. Contents are undefined until written.
+class Buffer {
+public:
+	virtual ~Buffer() = default;
+	virtual std::size_t bytes() const = 0;
+};
+using BufferHandle = std::shared_ptr<Buffer>;
+
+// Kernel text with everything that chooses a variant of it. All of it enters the cache key.
+struct ProgramSpec {
+	std::string root;                                         // embedded kernel file: "kernels/render.cl"
+	std::vector<std::pair<std::string, std::string>> defines; // emitted as #define lines above the text
+	std::vector<std::string> entries;                         // kernel functions that will be launched
+};
+
+struct BuildReport {
+	double seconds = 0;     // wall time of build(), compilation and loading
+	bool from_cache = false;
+	bool embedded = false;  // the generic program compiled when rt was built (no run-time compiler found)
+	std::string options;    // what the device's compiler was given
+	std::string log;        // compiler's output, may be empty
+	std::string variant;    // reference: which compiled variant serves; otherwise empty
+};
+
+class Program {
+public:
+	virtual ~Program() = default;
+	const BuildReport& report() const { return report_; }
+
+protected:
+	BuildReport report_;
+};
+using ProgramHandle = std::shared_ptr<Program>;
+
+// A kernel's argument: a buffer, or a 32-bit scalar.
+using Argument = std::variant<BufferHandle, std::uint32_t>;
+
+class Device {
+public:
+	virtual ~Device() = default;
+	const DeviceInfo& info() const { return info_; }
+
+	// Compiles (or loads from the cache) a program. Error kind Build carries the compiler's whole log.
+	virtual Result<ProgramHandle> build(const ProgramSpec& spec) = 0;
+	// Enqueues `items` work-items of `entry`; group_size 0 lets the backend choose. The backend may start
+	// more items than asked (whole groups): kernels get their bounds as arguments and mask the rest.
+	virtual Status launch(const ProgramHandle& program, const std::string& entry, std::uint64_t items,
+	                      const std::vector<Argument>& arguments, std::uint32_t group_size = 0) = 0;
+	virtual Result<BufferHandle> alloc(std::size_t bytes) = 0;
+	// Copies between host and device; both wait until the copy is done.
+	virtual Status write(const BufferHandle& buffer, std::size_t offset, const void* data, std::size_t bytes) = 0;
+	virtual Status read(const BufferHandle& buffer, std::size_t offset, void* data, std::size_t bytes) = 0;
+	// Waits until everything enqueued is done; reports errors of launches before it.
+	virtual Status wait() = 0;
+
+protected:
+	DeviceInfo info_;
+};
+using DeviceHandle = std::shared_ptr<Device>;
+
+class Backend {
+public:
+	virtual ~Backend() = default;
+	virtual const char* name() const = 0;
+	// Never fails: what is missing is told as an Absence.
+	virtual Enumeration enumerate() = 0;
+	virtual Result<DeviceHandle> open(const DeviceInfo& info) = 0;
+};
+
+} // namespace rt

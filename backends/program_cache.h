@@ -1,0 +1,30 @@
+// program_cache.h: compiled kernels kept between runs.
+//
+// Where:  $RT_CACHE_DIR, else $XDG_CACHE_HOME/rt, else ~/.cache/rt; RT_CACHE=off turns it off.
+// Key:    XXH3-128 over format number, backend, platform, device name, driver, compiler version, options and
+//         the whole program text: anything that can change the code changes the key.
+// File:   kernels/<key>.bin = magic, format, payload size, XXH3-128 of the payload, payload.
+// Writes: to a temporary name in the same directory, then rename: two processes that start at once both write
+//         the same bytes and neither reads half a file.
+// Reads:  a wrong magic, size or checksum counts as absent; the entry is rebuilt and replaced. A cache that
+//         cannot be written is no error: the next start compiles again.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace rt {
+
+struct CacheKey {
+	std::string backend, platform, device, driver, compiler, options, text;
+};
+
+std::optional<std::vector<std::uint8_t>> cache_load(const CacheKey& key);
+void cache_store(const CacheKey& key, const std::vector<std::uint8_t>& payload);
+
+// The file that holds a key's entry (whether or not it is there); empty when the cache is off.
+std::string cache_path(const CacheKey& key);
+
+} // namespace rt

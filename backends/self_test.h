@@ -1,0 +1,34 @@
+// self_test.h: does this device keep the contract? Asked once a (device, driver, compiler, rt build), remembered in
+// the cache, and asked again with --self-test or when anything of the key changes.
+#pragma once
+
+#include "backends/backend.h"
+#include "support/result.h"
+
+#include <string>
+#include <vector>
+
+namespace rt {
+
+struct SelfTestItem {
+	std::string name;   // "fma", "sqrt", "subnormals", "layout of rt_material", "stress tile", ...
+	bool passed = false;
+	bool required = true; // false: told, but no reason to refuse the device (flushed subnormals, rule 5)
+	std::string detail; // first difference: operands, expected and got, in hex
+};
+
+struct SelfTestReport {
+	std::vector<SelfTestItem> items;
+	bool needs_software_roots = false; // the device's own square root or reciprocal is at fault: build with ours
+	bool passed = false;       // the exact rung may be used
+	bool from_cache = false;
+	double seconds = 0;
+	std::string first_failure() const; // "sqrt: sqrt(0x3f800001) gave ..., contract says ..."; empty if none
+};
+
+// Runs the arithmetic probe and the stress tile. If only the device's own square root or reciprocal is at fault, the
+// test is repeated with the software ones. An Error means that the test could not be run (build failure, driver error);
+// a device that runs it and fails is a report with passed == false.
+Result<SelfTestReport> self_test(const DeviceHandle& device, bool use_cache = true);
+
+} // namespace rt

@@ -1,0 +1,16 @@
+// stress_tile.h: a 32x32 image that uses every feature of the kernels, and the hash it must have.
+#pragma once
+
+#include "backends/backend.h"
+#include "support/hash.h"
+#include "support/result.h"
+
+namespace rt {
+
+// Hash of the tile's sums on every device that keeps the contract of RT_CONTRACT_VERSION.
+extern const char* const stress_tile_hash;
+
+// Renders the tile with a program that has the entry rt_render and all features.
+Result<Hash128> render_stress_tile(Device& device, const ProgramHandle& program);
+
+} // namespace rt

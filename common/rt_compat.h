@@ -1,0 +1,283 @@
+/* rt_compat.h: the compiler table. The only file that asks which compiler this is.
+ *
+ * The kernels are written in the language that OpenCL C 1.2, CUDA C++ (NVRTC) and C++17 share.
+ * This header gives each of the three targets the same names:
+ *
+ *   RT_FN RT_KERNEL RT_GLOBAL RT_PRIVATE RT_RESTRICT RT_TABLE RT_GLOBAL_ID   qualifiers
+ *   rt_u32 rt_i32 rt_u64 rt_i64                                             scalars of fixed width
+ *   rt_float rt_int rt_uint rt_mask                                         one value a lane
+ *   rt_splat* rt_sel rt_any rt_not rt_lane_ids RT_GATHER_* rt_store_u       lane operations
+ *   rt_seed_* rt_native_* rt_vote_any                                       what a device does its own way
+ *
+ * Lanes. With RT_LANES = 1 a lane type is a scalar and `if (rt_any(m))` is an ordinary branch. With
+ * 4, 8 or 16 it is a vector and one work-item carries that many paths; a mask is then 0 or -1 a lane.
+ * A scalar comparison yields 1 and a vector one -1, so masks are only ever combined with & and |,
+ * negated with rt_not, tested with rt_any and used with rt_sel.
+ *
+ * Rules of the shared language: no overloads, templates, references, compound literals, recursion,
+ * function pointers; `f` on every literal; no library mathematics but fma and (where proven) sqrt.
+ */
+#ifndef RT_COMPAT_H
+#define RT_COMPAT_H
+
+#if defined(__OPENCL_VERSION__) || defined(__OPENCL_C_VERSION__)
+#define RT_TARGET_OPENCL 1
+#elif defined(__CUDACC__)
+#define RT_TARGET_CUDA 1
+#else
+#define RT_TARGET_HOST 1
+#endif
+
+/* Paths a work-item carries at once: 1, 4, 8 or 16. */
+#ifndef RT_LANES
+#define RT_LANES 1
+#endif
+
+/* Where rt_sqrt and rt_rcp come from (kernels/math.h): 1, the device's own operations, proven correctly
+ * rounded by the self-test; 0, our fma sequences from a seed, which need no such proof. */
+#ifndef RT_DEF_NATIVE_ROOTS
+#define RT_DEF_NATIVE_ROOTS 1
+#endif
+
+/* 1 where the OpenCL compiler takes inline PTX, which the backend finds out by trying. */
+#ifndef RT_DEF_PTX
+#define RT_DEF_PTX 0
+#endif
+
+/* ---- qualifiers and scalars ------------------------------------------------------------------- */
+
+#if defined(RT_TARGET_OPENCL)
+
+#pragma OPENCL FP_CONTRACT OFF
+#define RT_FN static inline
+#define RT_KERNEL(name) __kernel void name
+#define RT_GLOBAL __global
+#define RT_PRIVATE __private
+#define RT_RESTRICT restrict
+#define RT_TABLE __constant
+#define RT_GLOBAL_ID ((rt_u32)get_global_id(0))
+typedef uint rt_u32;
+typedef int rt_i32;
+typedef ulong rt_u64;
+typedef long rt_i64;
+
+#elif defined(RT_TARGET_CUDA)
+
+#define RT_FN static __device__ __forceinline__
+#define RT_KERNEL(name) extern "C" __global__ void name
+#define RT_GLOBAL
+#define RT_PRIVATE
+#define RT_RESTRICT __restrict__
+#define RT_TABLE static __device__ const
+#define RT_GLOBAL_ID (blockIdx.x * blockDim.x + threadIdx.x)
+typedef unsigned int rt_u32;
+typedef int rt_i32;
+typedef unsigned long long rt_u64;
+typedef long long rt_i64;
+
+#else
+
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#define RT_FN [[maybe_unused]] static inline
+/* A host kernel is called once a work-item; the caller sets the item's index for its thread. */
+#define RT_KERNEL(name) [[maybe_unused]] static void name
+#define RT_GLOBAL
+#define RT_PRIVATE
+#define RT_RESTRICT __restrict__
+#define RT_TABLE [[maybe_unused]] static const
+#define RT_GLOBAL_ID rt_host_global_id
+typedef std::uint32_t rt_u32;
+typedef std::int32_t rt_i32;
+typedef std::uint64_t rt_u64;
+typedef std::int64_t rt_i64;
+#if defined(__FAST_MATH__)
+#error "rt: fast-math breaks the contract (docs/contract.md, rule 3); remove the flag"
+#endif
+
+#endif
+
+/* The one static assertion that every target takes. `tag` makes the name unique. */
+#define RT_STATIC_ASSERT(condition, tag) typedef char rt_static_assert_##tag[(condition) ? 1 : -1]
+
+/* ---- one lane: scalars ------------------------------------------------------------------------- */
+
+#if RT_LANES == 1
+
+typedef float rt_float;
+typedef rt_i32 rt_int;
+typedef rt_u32 rt_uint;
+typedef rt_i32 rt_mask;
+
+#define rt_splat(x) (x)
+#define rt_splat_i(x) ((rt_i32)(x))
+#define rt_splat_u(x) ((rt_u32)(x))
+#define RT_TRUE 1
+#define RT_FALSE 0
+#define rt_sel(mask, yes, no) ((mask) ? (yes) : (no))
+#define rt_any(mask) ((mask) != 0)
+#define rt_not(mask) (!(mask))
+#define rt_lane_ids() 0u
+
+#if defined(RT_TARGET_OPENCL)
+#define rt_fma(a, b, c) fma((float)(a), (float)(b), (float)(c))
+#define rt_bits(x) as_uint((float)(x))
+#define rt_from_bits(x) as_float((uint)(x))
+#define rt_to_float(x) ((float)(x))
+#define rt_to_int(x) ((int)(x))
+#define rt_to_uint(x) ((uint)(x))
+#elif defined(RT_TARGET_CUDA)
+#define rt_fma(a, b, c) __fmaf_rn((a), (b), (c))
+#define rt_bits(x) __float_as_uint(x)
+#define rt_from_bits(x) __uint_as_float(x)
+#define rt_to_float(x) ((float)(x))
+#define rt_to_int(x) ((int)(x))
+#define rt_to_uint(x) ((unsigned int)(x))
+#else
+#define rt_fma(a, b, c) __builtin_fmaf((a), (b), (c))
+RT_FN rt_u32 rt_bits(float x)
+{
+	rt_u32 bits;
+	std::memcpy(&bits, &x, sizeof bits);
+	return bits;
+}
+RT_FN float rt_from_bits(rt_u32 bits)
+{
+	float x;
+	std::memcpy(&x, &bits, sizeof x);
+	return x;
+}
+#define rt_to_float(x) (static_cast<float>(x))
+#define rt_to_int(x) (static_cast<rt_i32>(x))
+#define rt_to_uint(x) (static_cast<rt_u32>(x))
+#endif
+
+/* array[index] field, one element a lane: RT_GATHER_F(spheres, hit, .cx) for floats, RT_GATHER_U for rt_u32. `field`
+ * may be empty. */
+#define RT_GATHER_F(array, index, field) ((array)[index] field)
+#define RT_GATHER_U(array, index, field) ((array)[index] field)
+#define rt_store_u(x, pointer) (*(pointer) = (x))
+
+/* ---- several lanes: vectors --------------------------------------------------------------------- */
+
+#elif defined(RT_TARGET_OPENCL)
+
+#define RT_JOIN_(a, b) a##b
+#define RT_JOIN(a, b) RT_JOIN_(a, b)
+typedef RT_JOIN(float, RT_LANES) rt_float;
+typedef RT_JOIN(int, RT_LANES) rt_int;
+typedef RT_JOIN(uint, RT_LANES) rt_uint;
+typedef RT_JOIN(int, RT_LANES) rt_mask;
+
+#define rt_splat(x) ((rt_float)(x))
+#define rt_splat_i(x) ((rt_int)(x))
+#define rt_splat_u(x) ((rt_uint)(x))
+#define RT_TRUE ((rt_mask)(-1))
+#define RT_FALSE ((rt_mask)(0))
+#define rt_sel(mask, yes, no) select((no), (yes), (mask))
+/* OpenCL's any() looks at the top bit of each lane: right for our 0 and -1. */
+#define rt_any(mask) any(mask)
+#define rt_not(mask) (~(mask))
+#define rt_fma(a, b, c) fma((rt_float)(a), (rt_float)(b), (rt_float)(c))
+#define rt_bits(x) RT_JOIN(as_uint, RT_LANES)(x)
+#define rt_from_bits(x) RT_JOIN(as_float, RT_LANES)(x)
+#define rt_to_float(x) RT_JOIN(convert_float, RT_LANES)(x)
+#define rt_to_int(x) RT_JOIN(convert_int, RT_LANES)(x)
+#define rt_to_uint(x) RT_JOIN(convert_uint, RT_LANES)(x)
+
+#define rt_store_u(x, pointer) RT_JOIN(vstore, RT_LANES)((x), 0, (pointer))
+
+#if RT_LANES == 4
+#define RT_EACH_LANE(array, i, field) (array)[(i).s0] field, (array)[(i).s1] field, (array)[(i).s2] field, (array)[(i).s3] field
+#define RT_LANE_NUMBERS 0u, 1u, 2u, 3u
+#elif RT_LANES == 8
+#define RT_EACH_LANE(array, i, field)                                                                  \
+	(array)[(i).s0] field, (array)[(i).s1] field, (array)[(i).s2] field, (array)[(i).s3] field,        \
+	    (array)[(i).s4] field, (array)[(i).s5] field, (array)[(i).s6] field, (array)[(i).s7] field
+#define RT_LANE_NUMBERS 0u, 1u, 2u, 3u, 4u, 5u, 6u, 7u
+#elif RT_LANES == 16
+#define RT_EACH_LANE(array, i, field)                                                                  \
+	(array)[(i).s0] field, (array)[(i).s1] field, (array)[(i).s2] field, (array)[(i).s3] field,        \
+	    (array)[(i).s4] field, (array)[(i).s5] field, (array)[(i).s6] field, (array)[(i).s7] field,    \
+	    (array)[(i).s8] field, (array)[(i).s9] field, (array)[(i).sa] field, (array)[(i).sb] field,    \
+	    (array)[(i).sc] field, (array)[(i).sd] field, (array)[(i).se] field, (array)[(i).sf] field
+#define RT_LANE_NUMBERS 0u, 1u, 2u, 3u, 4u, 5u, 6u, 7u, 8u, 9u, 10u, 11u, 12u, 13u, 14u, 15u
+#else
+#error "rt: RT_LANES must be 1, 4, 8 or 16"
+#endif
+#define rt_lane_ids() ((rt_uint)(RT_LANE_NUMBERS))
+#define RT_GATHER_F(array, index, field) ((rt_float)(RT_EACH_LANE(array, index, field)))
+#define RT_GATHER_U(array, index, field) ((rt_uint)(RT_EACH_LANE(array, index, field)))
+
+#else
+#error "rt: on this target RT_LANES must be 1"
+#endif
+
+/* ---- seeds for our own square root and reciprocal ------------------------------------------------
+ * An approximation of 1/sqrt(x) or 1/x, right to a few ulp, from hardware where there is some. kernels/math.h finishes
+ * it; the result does not depend on which seed was used (contract rule 2). */
+#if defined(RT_TARGET_CUDA) || (defined(RT_TARGET_OPENCL) && RT_DEF_PTX)
+#define RT_HARDWARE_SEEDS 1
+RT_FN float rt_seed_rsqrt(float x)
+{
+	float y;
+#if defined(RT_TARGET_CUDA)
+	asm("rsqrt.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(x));
+#else
+	__asm("rsqrt.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(x));
+#endif
+	return y;
+}
+RT_FN float rt_seed_rcp(float x)
+{
+	float y;
+#if defined(RT_TARGET_CUDA)
+	asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(x));
+#else
+	__asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(x));
+#endif
+	return y;
+}
+#else
+#define RT_HARDWARE_SEEDS 0
+#endif
+
+/* ---- the device's own square root and quotient: used only where the self-test proves them ---------- */
+#if defined(RT_TARGET_CUDA)
+#define rt_native_sqrt(x) __fsqrt_rn(x)
+#define rt_native_rcp(x) __frcp_rn(x)
+#elif defined(RT_TARGET_OPENCL)
+#define rt_native_sqrt(x) sqrt(x)
+#define rt_native_rcp(x) (1.0f / (x))
+#else
+#define rt_native_sqrt(x) __builtin_sqrtf(x)
+#define rt_native_rcp(x) (1.0f / (x))
+#endif
+
+/* ---- is any path of the warp alive? ---------------------------------------------------------------
+ * The head of the path loop. A warp vote keeps the lanes of a warp in one loop; without it NVIDIA's compiler splits the
+ * loop and they never meet again. It cannot change a result: a lane that is done is masked off. */
+#if RT_LANES == 1 && defined(RT_TARGET_CUDA)
+#define rt_vote_any(mask) __any_sync(0xffffffffu, (mask))
+#elif RT_LANES == 1 && defined(RT_TARGET_OPENCL) && RT_DEF_PTX
+RT_FN int rt_vote_any(int mask)
+{
+	int any_lane;
+	__asm volatile("{ .reg .pred p; setp.ne.s32 p, %1, 0; vote.sync.any.pred p, p, 0xffffffff; selp.s32 %0, 1, 0, p; }"
+	               : "=r"(any_lane)
+	               : "r"(mask));
+	return any_lane;
+}
+#else
+#define rt_vote_any(mask) rt_any(mask)
+#endif
+
+/* An ordinary branch for one lane, an unconditional block for several (which mask with rt_sel instead). */
+#if RT_LANES == 1
+#define RT_IF_ONE_LANE(mask) if (mask)
+#else
+#define RT_IF_ONE_LANE(mask)
+#endif
+
+#endif

@@ -1,0 +1,99 @@
+/* rt_structs.h: what host and devices share in memory.
+ *
+ * Members are float, rt_u32 and rt_i32 only; every struct is a row of 16-byte rows; padding is named and zero;
+ * links are indices. The assertion behind each struct is checked by the device's compiler too, and the self-test
+ * reads sizes and offsets back from the device (kernels/probe.h).
+ *
+ * Lengths are in scene units relative to the camera; colours are linear RGB.
+ */
+#ifndef RT_STRUCTS_H
+#define RT_STRUCTS_H
+
+#include "common/rt_compat.h"
+
+/* A sphere as the hit test reads it. radius > 0 always: a hollow sphere becomes its dielectric's inverse index. */
+typedef struct rt_sphere {
+	float cx, cy, cz; /* centre */
+	float radius;
+} rt_sphere;
+RT_STATIC_ASSERT(sizeof(rt_sphere) == 16, sphere);
+
+/* For a wide sphere (much larger than the smallest): C0 = |c|^2 - r^2 seen from the camera, to twice the precision. */
+typedef struct rt_wide {
+	float c0_high, c0_low;
+	float reserved0, reserved1;
+} rt_wide;
+RT_STATIC_ASSERT(sizeof(rt_wide) == 16, wide);
+
+#define RT_MATERIAL_LAMBERTIAN 0u
+#define RT_MATERIAL_METAL 1u
+#define RT_MATERIAL_DIELECTRIC 2u
+#define RT_MATERIAL_LIGHT 3u
+
+#define RT_NO_TEXTURE 0xffffffffu
+
+typedef struct rt_material {
+	float albedo_r, albedo_g, albedo_b; /* in [0, 1]; dielectric: 1 */
+	float fuzz;                         /* metal, in [0, 1] */
+	float emission_r, emission_g, emission_b;
+	float ior;         /* dielectric: index inside relative to outside, > 0 */
+	float ior_inverse; /* 1 / ior, rounded once */
+	rt_u32 kind;
+	rt_u32 texture; /* RT_NO_TEXTURE or an index */
+	rt_u32 reserved0;
+} rt_material;
+RT_STATIC_ASSERT(sizeof(rt_material) == 48, material);
+
+#define RT_TEXTURE_CHECKER 0u
+#define RT_TEXTURE_IMAGE 1u
+
+typedef struct rt_texture {
+	float even_r, even_g, even_b;
+	float squares; /* checker: 1 / size */
+	float odd_r, odd_g, odd_b;
+	rt_u32 kind;
+	rt_u32 first_texel; /* image: index of its first texel */
+	rt_u32 width, height;
+	rt_u32 reserved0;
+} rt_texture;
+RT_STATIC_ASSERT(sizeof(rt_texture) == 48, texture);
+
+/* Everything of a scene that is not a list. */
+typedef struct rt_scene {
+	/* The camera is the origin. A primary ray goes from the lens to
+	 * corner + (x + u) step_x + (y + v) step_y, a point of the plane in focus; (0, 0) is the top left pixel. */
+	float corner_x, corner_y, corner_z, reserved0;
+	float step_x_x, step_x_y, step_x_z, reserved1;
+	float step_y_x, step_y_y, step_y_z, reserved2;
+	float lens_u_x, lens_u_y, lens_u_z, reserved3; /* lens radius times the camera's right */
+	float lens_v_x, lens_v_y, lens_v_z, reserved4; /* lens radius times the camera's up */
+	/* sky radiance = bottom + clamp((d.y + 1) / 2) delta */
+	float sky_bottom_r, sky_bottom_g, sky_bottom_b, reserved5;
+	float sky_delta_r, sky_delta_g, sky_delta_b, reserved6;
+	float film_scale;      /* 2^f */
+	float film_scale_high; /* 2^(f - 20) */
+	float radiance_limit;  /* a sample above it is rejected and counted */
+	float reserved7;
+	rt_u32 width, height;               /* of the whole image, pixels */
+	rt_u32 window_x, window_y;          /* the part that is rendered */
+	rt_u32 window_width, window_height;
+	rt_u32 seed, max_depth;
+	rt_u32 sphere_count, wide_count;    /* wide spheres have the ids [0, wide_count) */
+	rt_u32 reserved8, reserved9;
+} rt_scene;
+RT_STATIC_ASSERT(sizeof(rt_scene) == 176, scene);
+
+/* A pixel of the film: sums of round-half-even(radiance 2^f), and a tally of path segments (low 40 bits) and rejected
+ * samples (bits 40 and up). */
+typedef struct rt_film_pixel {
+	rt_i64 r, g, b;
+	rt_i64 tally;
+} rt_film_pixel;
+RT_STATIC_ASSERT(sizeof(rt_film_pixel) == 32, film_pixel);
+
+#define RT_TALLY_REJECTED_SHIFT 40
+
+/* Samples of one pixel that one launch may take: bounds the kernel's 32-bit partial sums (kernels/film.h). */
+#define RT_MAX_SAMPLES_PER_LAUNCH 1024u
+
+#endif

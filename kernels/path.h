@@ -1,0 +1,241 @@
+/* path.h: the path tracer: one flat loop in which a lane whose path has ended starts its next sample.
+ *
+ * A lane owns one pixel and takes the samples [first_sample, first_sample + sample_count) of it, one after the other.
+ * Nested sample and bounce loops would leave half the lanes waiting for the longest path (numerics, evidence 7).
+ */
+#ifndef RT_PATH_H
+#define RT_PATH_H
+
+#include "common/rt_features.h"
+#include "common/rt_structs.h"
+#include "kernels/camera.h"
+#include "kernels/film.h"
+#include "kernels/material.h"
+#include "kernels/sphere.h"
+#include "kernels/texture.h"
+
+/* Everything of a scene in device memory. */
+typedef struct rt_scene_view {
+	RT_GLOBAL const rt_scene* scene;
+	RT_GLOBAL const rt_sphere* spheres;
+	RT_GLOBAL const rt_wide* wide;
+	RT_GLOBAL const rt_u32* sphere_ids;
+	RT_GLOBAL const rt_u32* sphere_materials;
+	RT_GLOBAL const rt_material* materials;
+	RT_GLOBAL const rt_texture* textures;
+	RT_GLOBAL const rt_u32* texels;
+} rt_scene_view;
+
+/* A path on its way. */
+typedef struct rt_path {
+	rt_ray ray;
+	rt_vec3 throughput;
+	rt_vec3 radiance; /* gathered so far */
+	rt_int depth;     /* scatterings so far */
+} rt_path;
+
+RT_FN rt_path rt_path_start(rt_scene_view view, rt_uint x, rt_uint y, rt_uint sample)
+{
+	rt_path path;
+	rt_uint pixel = y * view.scene->width + x;
+	rt_random4 u = rt_random(view.scene->seed, pixel, sample, rt_splat_u(0u));
+	path.ray = rt_camera_ray(view.scene, rt_to_float(rt_to_int(x)), rt_to_float(rt_to_int(y)), u);
+	path.throughput = v3_splat(1.0f, 1.0f, 1.0f);
+	path.radiance = v3_splat(0.0f, 0.0f, 0.0f);
+	path.depth = rt_splat_i(0);
+	return path;
+}
+
+RT_FN rt_ray rt_ray_sel(rt_mask mask, rt_ray yes, rt_ray no)
+{
+	rt_ray ray;
+	ray.base = v3_sel(mask, yes.base, no.base);
+	ray.arm = v3_sel(mask, yes.arm, no.arm);
+	ray.dir = v3_sel(mask, yes.dir, no.dir);
+	ray.from = rt_sel(mask, yes.from, no.from);
+	ray.chord = rt_sel(mask, yes.chord, no.chord);
+	return ray;
+}
+
+RT_FN rt_path rt_path_sel(rt_mask mask, rt_path yes, rt_path no)
+{
+	rt_path path;
+	path.ray = rt_ray_sel(mask, yes.ray, no.ray);
+	path.throughput = v3_sel(mask, yes.throughput, no.throughput);
+	path.radiance = v3_sel(mask, yes.radiance, no.radiance);
+	path.depth = rt_sel(mask, yes.depth, no.depth);
+	return path;
+}
+
+#if RT_HAS(RT_FEATURE_SKY)
+RT_FN rt_vec3 rt_sky_radiance(RT_GLOBAL const rt_scene* RT_RESTRICT scene, rt_vec3 dir)
+{
+	rt_vec3 bottom = v3_splat(scene->sky_bottom_r, scene->sky_bottom_g, scene->sky_bottom_b);
+#if RT_HAS(RT_FEATURE_GRADIENT)
+	/* A unit vector may be a few ulp too long: without the clamp a dark sky could turn negative. */
+	rt_float height = rt_fma(dir.y, rt_splat(0.5f), rt_splat(0.5f));
+	height = rt_max(rt_min(height, rt_splat(1.0f)), rt_splat(0.0f));
+	return v3_fma(height, v3_splat(scene->sky_delta_r, scene->sky_delta_g, scene->sky_delta_b), bottom);
+#else
+	return bottom;
+#endif
+}
+#endif
+
+/* Weights below 2^-60 are nothing (contract rule 6). */
+RT_FN rt_float rt_flush_throughput(rt_float weight)
+{
+	return rt_sel(weight >= rt_splat(RT_MIN_THROUGHPUT), weight, rt_splat(0.0f));
+}
+
+/* Scatters the paths of `shade`, which met sphere hit.index at hit.t. Returns the lanes whose path ends here. */
+RT_FN rt_mask rt_path_scatter(rt_scene_view view, RT_PRIVATE rt_path* path, rt_hit hit, rt_uint pixel, rt_uint sample,
+                              rt_mask shade)
+{
+	/* Find the point and its material; lanes that do not shade look at sphere 0 and are masked. */
+	rt_int index = rt_sel(shade, hit.index, rt_splat_i(0));
+	rt_surface surface = rt_sphere_surface(view.scene, view.spheres, path->ray, hit.t, index);
+	rt_int material = rt_to_int(RT_GATHER_U(view.sphere_materials, index, ));
+	rt_uint kind = RT_GATHER_U(view.materials, material, .kind);
+	rt_mask ended = RT_FALSE;
+
+#if RT_HAS(RT_FEATURE_EMISSION)
+	rt_vec3 emission = v3(RT_GATHER_F(view.materials, material, .emission_r), RT_GATHER_F(view.materials, material, .emission_g),
+	                      RT_GATHER_F(view.materials, material, .emission_b));
+	rt_vec3 lit = v3(rt_fma(path->throughput.x, emission.x, path->radiance.x),
+	                 rt_fma(path->throughput.y, emission.y, path->radiance.y),
+	                 rt_fma(path->throughput.z, emission.z, path->radiance.z));
+	path->radiance = v3_sel(shade, lit, path->radiance);
+	ended = kind == rt_splat_u(RT_MATERIAL_LIGHT);
+#endif
+
+	/* Turn the normal to the side the ray came from. */
+	rt_vec3 d = path->ray.dir;
+	rt_float projection = v3_dot(d, surface.normal);
+	rt_mask front = projection < rt_splat(0.0f);
+	rt_vec3 n = v3_sel(front, surface.normal, v3_negate(surface.normal));
+	rt_float c = rt_min(rt_abs(projection), rt_splat(1.0f));
+	rt_mask inward = rt_not(front);
+
+	/* Choose a direction. */
+	rt_random4 u = rt_random(view.scene->seed, pixel, sample, rt_to_uint(path->depth + 1));
+	rt_vec3 direction = n;
+	rt_mask mirror = RT_FALSE; /* may point below the surface, where metal absorbs */
+#if RT_HAS(RT_FEATURE_DIELECTRIC)
+	rt_mask dielectric = kind == rt_splat_u(RT_MATERIAL_DIELECTRIC);
+	if (rt_any(shade & dielectric)) {
+		rt_mask refracted;
+		rt_float eta = rt_sel(front, RT_GATHER_F(view.materials, material, .ior_inverse),
+		                      RT_GATHER_F(view.materials, material, .ior));
+		rt_vec3 bent = rt_scatter_dielectric(u.a, eta, d, c, n, &refracted);
+		direction = v3_sel(dielectric, bent, direction);
+		inward = rt_sel(dielectric & refracted, front, inward);
+	}
+#endif
+#if RT_HAS(RT_FEATURE_METAL)
+	mirror = kind == rt_splat_u(RT_MATERIAL_METAL);
+#endif
+#if RT_HAS(RT_FEATURE_LAMBERTIAN) || RT_HAS(RT_FEATURE_FUZZ)
+	rt_disc_sample disc;
+#if RT_HAS(RT_FEATURE_LAMBERTIAN)
+	rt_mask diffuse = kind == rt_splat_u(RT_MATERIAL_LAMBERTIAN);
+#else
+	rt_mask diffuse = RT_FALSE;
+#endif
+#if RT_HAS(RT_FEATURE_FUZZ)
+	rt_mask spread = diffuse | mirror;
+#else
+	rt_mask spread = diffuse;
+#endif
+	if (rt_any(shade & spread)) {
+		disc = rt_sample_disc(u);
+#if RT_HAS(RT_FEATURE_LAMBERTIAN)
+		direction = v3_sel(diffuse, rt_scatter_lambertian(disc, n), direction);
+#endif
+#if RT_HAS(RT_FEATURE_FUZZ)
+		rt_vec3 fuzzy = rt_scatter_metal(disc, u.a, RT_GATHER_F(view.materials, material, .fuzz), rt_reflect(d, c, n));
+		direction = v3_sel(mirror, fuzzy, direction);
+#endif
+	}
+#endif
+#if RT_HAS(RT_FEATURE_METAL) && !RT_HAS(RT_FEATURE_FUZZ)
+	direction = v3_sel(mirror, rt_reflect(d, c, n), direction);
+#endif
+	direction = v3_normalize(direction, n);
+	ended = ended | (mirror & rt_not(v3_dot(direction, n) > rt_splat(0.0f)));
+
+	/* Weigh it. */
+	rt_vec3 albedo = v3(RT_GATHER_F(view.materials, material, .albedo_r), RT_GATHER_F(view.materials, material, .albedo_g),
+	                    RT_GATHER_F(view.materials, material, .albedo_b));
+#if RT_HAS(RT_FEATURE_CHECKER) || RT_HAS(RT_FEATURE_IMAGE)
+	rt_uint texture = RT_GATHER_U(view.materials, material, .texture);
+	rt_mask textured = texture != rt_splat_u(RT_NO_TEXTURE);
+	if (rt_any(shade & textured)) {
+		rt_int texture_index = rt_to_int(rt_sel(textured, texture, rt_splat_u(0u)));
+		rt_vec3 color = rt_texture_color(view.textures, view.texels, texture_index, surface.normal);
+		albedo = v3_sel(textured, color, albedo);
+	}
+#endif
+	rt_vec3 throughput = v3_mul(path->throughput, albedo);
+	throughput = v3(rt_flush_throughput(throughput.x), rt_flush_throughput(throughput.y), rt_flush_throughput(throughput.z));
+	ended = ended | rt_not(rt_max(throughput.x, rt_max(throughput.y, throughput.z)) > rt_splat(0.0f));
+
+	/* Leave the surface. */
+	rt_ray leaving;
+	leaving.base = surface.base;
+	leaving.arm = surface.arm;
+	leaving.dir = direction;
+	leaving.from = index;
+	leaving.chord = rt_sel(inward, surface.radius * v3_dot(surface.normal, direction) * -2.0f, rt_splat(-1.0f));
+	path->ray = rt_ray_sel(shade, leaving, path->ray);
+	path->throughput = v3_sel(shade, throughput, path->throughput);
+	path->depth = rt_sel(shade, path->depth + 1, path->depth);
+	ended = ended | (path->depth >= rt_splat_i((rt_i32)view.scene->max_depth));
+	return ended & shade;
+}
+
+/* Takes the samples of the lanes' pixels (x, y), in image coordinates, where `live`; *segments counts path segments. */
+RT_FN rt_film_sum rt_trace_pixels(rt_scene_view view, rt_uint x, rt_uint y, rt_mask live, rt_u32 first_sample,
+                                  rt_u32 sample_count, RT_PRIVATE rt_uint* segments)
+{
+	rt_film_sum sum = rt_film_sum_zero();
+	rt_uint traced = rt_splat_u(0u);
+	rt_uint pixel = y * view.scene->width + x;
+	rt_uint sample = rt_splat_u(first_sample);
+	rt_u32 last_sample = first_sample + sample_count - 1u;
+	rt_path path = rt_path_start(view, x, y, sample);
+
+	while (rt_vote_any(live)) {
+		RT_IF_ONE_LANE (live) {
+			rt_hit hit = rt_closest_hit(view.scene, view.spheres, view.wide, view.sphere_ids, path.ray);
+			rt_mask met = hit.index >= rt_splat_i(0);
+			rt_mask missed = live & rt_not(met);
+			rt_mask shade = live & met;
+			rt_mask finished = missed;
+			traced += rt_sel(live, rt_splat_u(1u), rt_splat_u(0u));
+
+#if RT_HAS(RT_FEATURE_SKY)
+			if (rt_any(missed)) {
+				rt_vec3 sky = rt_sky_radiance(view.scene, path.ray.dir);
+				rt_vec3 lit = v3(rt_fma(path.throughput.x, sky.x, path.radiance.x),
+				                 rt_fma(path.throughput.y, sky.y, path.radiance.y),
+				                 rt_fma(path.throughput.z, sky.z, path.radiance.z));
+				path.radiance = v3_sel(missed, lit, path.radiance);
+			}
+#endif
+			if (rt_any(shade))
+				finished = finished | rt_path_scatter(view, &path, hit, pixel, sample, shade);
+
+			if (rt_any(finished)) {
+				sum = rt_film_add(view.scene, sum, finished, path.radiance);
+				live = live & rt_not(finished & (sample == rt_splat_u(last_sample)));
+				sample = rt_sel(finished, sample + 1u, sample);
+				path = rt_path_sel(finished, rt_path_start(view, x, y, sample), path);
+			}
+		}
+	}
+	*segments = traced;
+	return sum;
+}
+
+#endif

@@ -1,0 +1,67 @@
+/* render.cl: the entry point of a render: each work-item takes a launch's samples of RT_LANES pixels.
+ *
+ * Work-items are laid out in tiles of 8x4 pixels, so that the lanes of a warp look the same way. How pixels map to
+ * work-items cannot change a bit of the film.
+ */
+#include "kernels/path.h"
+
+#define RT_TILE_WIDTH 8u
+#define RT_TILE_PIXELS 32u
+
+/* film: window_width x (rows of the window), row-major. The launch covers rows [first_row, first_row + row_count) of the
+ * window and samples [first_sample, first_sample + sample_count), sample_count <= RT_MAX_SAMPLES_PER_LAUNCH. Work-items
+ * beyond the tiles do nothing. */
+RT_KERNEL(rt_render)(RT_GLOBAL const rt_scene* RT_RESTRICT scene, RT_GLOBAL const rt_sphere* RT_RESTRICT spheres,
+                     RT_GLOBAL const rt_wide* RT_RESTRICT wide, RT_GLOBAL const rt_u32* RT_RESTRICT sphere_ids,
+                     RT_GLOBAL const rt_u32* RT_RESTRICT sphere_materials,
+                     RT_GLOBAL const rt_material* RT_RESTRICT materials,
+                     RT_GLOBAL const rt_texture* RT_RESTRICT textures, RT_GLOBAL const rt_u32* RT_RESTRICT texels,
+                     RT_GLOBAL rt_film_pixel* RT_RESTRICT film, rt_u32 first_row, rt_u32 row_count, rt_u32 first_sample,
+                     rt_u32 sample_count)
+{
+	rt_scene_view view;
+	view.scene = scene;
+	view.spheres = spheres;
+	view.wide = wide;
+	view.sphere_ids = sphere_ids;
+	view.sphere_materials = sphere_materials;
+	view.materials = materials;
+	view.textures = textures;
+	view.texels = texels;
+
+	/* Lanes are neighbours in a tile, so a work-item never straddles two tiles. */
+	rt_u32 tiles_across = (scene->window_width + (RT_TILE_WIDTH - 1u)) / RT_TILE_WIDTH;
+	rt_u32 first_slot = RT_GLOBAL_ID * RT_LANES;
+	rt_u32 tile = first_slot / RT_TILE_PIXELS;
+	rt_uint slot = (first_slot % RT_TILE_PIXELS) + rt_lane_ids();
+	rt_uint column = (tile % tiles_across) * RT_TILE_WIDTH + slot % RT_TILE_WIDTH;
+	rt_uint row = first_row + (tile / tiles_across) * (RT_TILE_PIXELS / RT_TILE_WIDTH) + slot / RT_TILE_WIDTH;
+	rt_mask live = (column < rt_splat_u(scene->window_width)) & (row < rt_splat_u(first_row + row_count));
+
+	rt_uint segments;
+	rt_film_sum sum = rt_trace_pixels(view, column + scene->window_x, row + scene->window_y, live, first_sample,
+	                                  sample_count, &segments);
+
+	rt_u32 columns[RT_LANES], rows[RT_LANES], tally_segments[RT_LANES], rejected[RT_LANES];
+	rt_u32 r_high[RT_LANES], r_low[RT_LANES], g_high[RT_LANES], g_low[RT_LANES], b_high[RT_LANES], b_low[RT_LANES];
+	rt_store_u(column, columns);
+	rt_store_u(row, rows);
+	rt_store_u(segments, tally_segments);
+	rt_store_u(sum.rejected, rejected);
+	rt_store_u(sum.r.high, r_high);
+	rt_store_u(sum.r.low, r_low);
+	rt_store_u(sum.g.high, g_high);
+	rt_store_u(sum.g.low, g_low);
+	rt_store_u(sum.b.high, b_high);
+	rt_store_u(sum.b.low, b_low);
+	for (rt_u32 lane = 0u; lane < RT_LANES; ++lane) {
+		if (columns[lane] < scene->window_width && rows[lane] < first_row + row_count) {
+			/* The first pixel's index may exceed 32 bits in bytes, never in pixels. */
+			RT_GLOBAL rt_film_pixel* pixel = film + (rows[lane] * scene->window_width + columns[lane]);
+			pixel->r += rt_channel_total(r_high[lane], r_low[lane], sample_count);
+			pixel->g += rt_channel_total(g_high[lane], g_low[lane], sample_count);
+			pixel->b += rt_channel_total(b_high[lane], b_low[lane], sample_count);
+			pixel->tally += (rt_i64)tally_segments[lane] + ((rt_i64)rejected[lane] << RT_TALLY_REJECTED_SHIFT);
+		}
+	}
+}

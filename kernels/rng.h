@@ -1,0 +1,46 @@
+/* rng.h: random numbers as a pure function of (seed, pixel, sample, block) (contract rule 14).
+ *
+ * A block is four numbers. Block 0 belongs to the camera (x, y in the pixel; two for the lens), block k + 1 to the k-th
+ * scattering. Nothing is carried from one draw to the next, so no schedule can change a number.
+ * The hash is pcg4d (Jarzynski and Olano 2020, "Hash Functions for GPU Rendering", JCGT 9(3), section 4.2): a bijection
+ * of 128 bits, so two different (pixel, sample, block, seed) never give the same four words.
+ */
+#ifndef RT_RNG_H
+#define RT_RNG_H
+
+#include "common/rt_compat.h"
+
+typedef struct rt_random4 {
+	rt_float a, b, c, d; /* each k 2^-24 in [0, 1) */
+} rt_random4;
+
+/* The top 24 bits as a number in [0, 1). */
+RT_FN rt_float rt_unit(rt_uint bits) { return rt_to_float(rt_to_int(bits >> 8)) * 0x1p-24f; }
+
+RT_FN rt_random4 rt_random(rt_u32 seed, rt_uint pixel, rt_uint sample, rt_uint block)
+{
+	rt_uint x = pixel * 1664525u + 1013904223u;
+	rt_uint y = sample * 1664525u + 1013904223u;
+	rt_uint z = block * 1664525u + 1013904223u;
+	rt_uint w = rt_splat_u(seed * 1664525u + 1013904223u);
+	x += y * w;
+	y += z * x;
+	z += x * y;
+	w += y * z;
+	x ^= x >> 16;
+	y ^= y >> 16;
+	z ^= z >> 16;
+	w ^= w >> 16;
+	x += y * w;
+	y += z * x;
+	z += x * y;
+	w += y * z;
+	rt_random4 u;
+	u.a = rt_unit(x);
+	u.b = rt_unit(y);
+	u.c = rt_unit(z);
+	u.d = rt_unit(w);
+	return u;
+}
+
+#endif

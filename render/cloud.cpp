@@ -1,0 +1,99 @@
+// The built-in scene `cloud-N`. Positions, radii and materials are a pure function of (sphere, dimension), in integers
+// and single correctly rounded operations, so every machine makes the same cloud and any sphere can be made alone.
+#include "render/scene.h"
+#include "render/scene_ranges.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <new>
+
+namespace rt {
+
+namespace {
+
+// What is drawn for a sphere; each is its own stream of random numbers.
+enum Dimension : std::uint64_t { X, Y, Z, Radius, Colour, dimensions = 8 };
+
+// 24 random bits: SplitMix64's output function (Steele, Lea and Flood 2014) of a counter.
+std::uint32_t random_24_bits(std::uint64_t sphere, Dimension dimension)
+{
+	std::uint64_t z = (sphere * dimensions + dimension + 1) * 0x9e3779b97f4a7c15u;
+	z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
+	z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
+	return static_cast<std::uint32_t>((z ^ (z >> 31)) >> 40);
+}
+
+// floor(2^12 * cube root of n), for n <= 2^26: integers, because no library's cbrt rounds the same everywhere.
+std::uint64_t cube_root_12_bits(std::uint64_t n)
+{
+	const std::uint64_t cube = n << 36;
+	std::uint64_t root = 0;
+	for (std::uint64_t bit = std::uint64_t(1) << 20; bit; bit >>= 1) {
+		const std::uint64_t larger = root | bit;
+		if (larger * larger * larger <= cube)
+			root = larger;
+	}
+	return root;
+}
+
+// The cube is [-1, 1]^3 whatever N is. Radii lie between half and one and a half of a mean that makes the spheres'
+// volumes a tenth of the cube's (overlaps counted twice), so clouds of all sizes look equally dense.
+constexpr double mean_radius_of_one = 0.555;
+
+} // namespace
+
+Result<Scene> make_cloud(std::uint64_t count)
+{
+	if (count < 1 || count > max_spheres)
+		return Error{ErrorKind::InputOutput,
+		             fmt::format("a cloud of {} spheres cannot be made", count),
+		             fmt::format("cloud-{}", count),
+		             fmt::format("ask for 1 to {} spheres", max_spheres),
+		             {}};
+	try {
+		Scene scene;
+		scene.name = fmt::format("cloud-{}", count);
+		scene.camera.from = {4.5, 2.75, -5.5};
+		scene.camera.at = {0, 0, 0};
+		scene.camera.vfov = 30;
+		scene.camera.focus = distance(scene.camera.from, scene.camera.at);
+		scene.sky.kind = Sky::Kind::Constant;
+		scene.sky.bottom = scene.sky.top = {1, 1, 1};
+
+		const struct {
+			const char* name;
+			Vec3d albedo;
+		} colours[] = {{"brick", {0.75, 0.25, 0.1875}},
+		               {"ochre", {0.875, 0.625, 0.1875}},
+		               {"chalk", {0.8125, 0.8125, 0.78125}},
+		               {"sea", {0.125, 0.4375, 0.625}},
+		               {"slate", {0.25, 0.3125, 0.375}}};
+		for (const auto& colour : colours) {
+			Material material;
+			material.name = colour.name;
+			material.albedo = colour.albedo;
+			scene.materials.push_back(material);
+		}
+
+		const double mean_radius = mean_radius_of_one * 4096 / static_cast<double>(cube_root_12_bits(count));
+		scene.spheres.resize(count);
+		for (std::uint64_t i = 0; i < count; ++i) {
+			Sphere& sphere = scene.spheres[i];
+			for (const Dimension axis : {X, Y, Z})
+				sphere.center[axis] = std::fma(random_24_bits(i, axis), 0x1p-23, -1.0);
+			sphere.radius = mean_radius * std::fma(random_24_bits(i, Radius), 0x1p-24, 0.5);
+			sphere.material = random_24_bits(i, Colour) % static_cast<std::uint32_t>(scene.materials.size());
+		}
+		update_scene_hash(scene);
+		return scene;
+	} catch (const std::bad_alloc&) {
+		return Error{ErrorKind::Memory,
+		             fmt::format("no memory for {} spheres", count),
+		             fmt::format("cloud-{}", count),
+		             "ask for fewer spheres",
+		             {}};
+	}
+}
+
+} // namespace rt

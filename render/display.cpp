@@ -1,0 +1,82 @@
+#include "render/display.h"
+
+#include "render/display_table.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+
+namespace rt {
+
+namespace {
+
+__extension__ typedef unsigned __int128 Wide;
+
+const std::uint64_t* thresholds_of(Transfer transfer)
+{
+	switch (transfer) {
+	case Transfer::Gamma2:
+		return gamma2_thresholds;
+	case Transfer::Linear:
+		return linear_thresholds;
+	case Transfer::Srgb:
+		break;
+	}
+	return srgb_thresholds;
+}
+
+// floor(sum exposure / (samples 2^(exponent + 32)) 2^48), or any number above all thresholds if it is. The thresholds
+// are integers in units of 2^-48, so what the floor drops decides nothing.
+std::uint64_t scaled_radiance(std::uint64_t sum, std::uint64_t exposure, std::uint32_t samples, std::int32_t exponent)
+{
+	const Wide light = static_cast<Wide>(sum) * exposure; // < 2^116: 63 bits and 53
+	const int shift = exponent + exposure_factor_bits - threshold_bits;
+	if (shift >= 128)
+		return 0;
+	// Left of bit 127, even 2^32 samples leave more than 2^48.
+	if (shift <= -128 || (shift < 0 && light >> (127 + shift) != 0))
+		return light == 0 ? 0 : UINT64_MAX;
+	const Wide quotient = (shift >= 0 ? light >> shift : light << -shift) / samples;
+	return quotient > UINT64_MAX ? UINT64_MAX : static_cast<std::uint64_t>(quotient);
+}
+
+} // namespace
+
+std::uint64_t exposure_factor(double stops)
+{
+	if (std::isnan(stops))
+		return exposure_factor(0);
+	stops = std::clamp(stops, -max_exposure_stops, max_exposure_stops);
+
+	// 2^stops = 2^whole times one root of two for each bit of the fraction; integers, so every libm agrees.
+	const double steps = std::nearbyint(std::ldexp(stops, exposure_bits));
+	const std::int64_t fixed = static_cast<std::int64_t>(steps);
+	const std::int64_t whole = fixed >> exposure_bits;
+	std::uint64_t power = std::uint64_t(1) << root_bits;
+	for (int i = 0; i < exposure_bits; ++i)
+		if (fixed >> (exposure_bits - 1 - i) & 1)
+			power = static_cast<std::uint64_t>(static_cast<Wide>(power) * roots_of_two[i] >> root_bits);
+	const int drop = root_bits - exposure_factor_bits - static_cast<int>(whole);
+	return (power + (std::uint64_t(1) << (drop - 1))) >> drop;
+}
+
+std::vector<std::uint8_t> to_8bit(const Film& film, const DisplaySettings& settings)
+{
+	const std::uint64_t* const thresholds = thresholds_of(settings.transfer);
+	const std::uint64_t exposure = exposure_factor(settings.exposure_stops);
+	std::vector<std::uint8_t> bytes(film.sums().size());
+	for (std::size_t pixel = 0; pixel < film.samples().size(); ++pixel) {
+		if (film.samples()[pixel] == 0)
+			continue;
+		for (std::size_t i = 3 * pixel; i < 3 * pixel + 3; ++i) {
+			if (film.sums()[i] <= 0)
+				continue;
+			const std::uint64_t radiance = scaled_radiance(static_cast<std::uint64_t>(film.sums()[i]), exposure,
+			                                               film.samples()[pixel], film.exponent());
+			bytes[i] = static_cast<std::uint8_t>(std::upper_bound(thresholds, thresholds + 255, radiance) - thresholds);
+		}
+	}
+	return bytes;
+}
+
+} // namespace rt

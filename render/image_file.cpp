@@ -1,0 +1,330 @@
+#include "render/image_file.h"
+
+#include "support/files.h"
+
+#include <ImfChannelList.h>
+#include <ImfFrameBuffer.h>
+#include <ImfHeader.h>
+#include <ImfIO.h>
+#include <ImfOutputFile.h>
+#include <ImfStandardAttributes.h>
+#include <ImfStringAttribute.h>
+#include <fmt/format.h>
+#include <zlib.h>
+
+#define STB_IMAGE_WRITE_IMPLEMENTATION
+#define STB_IMAGE_WRITE_STATIC
+#define STBI_WRITE_NO_STDIO
+#include <stb_image_write.h>
+
+#include <algorithm>
+#include <climits>
+#include <cstddef>
+#include <cstring>
+#include <exception>
+#include <new>
+#include <string_view>
+#include <utility>
+
+namespace rt {
+
+namespace {
+
+using Bytes = std::vector<std::uint8_t>;
+
+struct Extension {
+	const char* name;
+	ImageFormat format;
+};
+const Extension extensions[] = {
+    {"png", ImageFormat::Png}, {"exr", ImageFormat::Exr}, {"pfm", ImageFormat::Pfm}, {"rtfilm", ImageFormat::RtFilm}};
+
+void append(Bytes& bytes, std::string_view text)
+{
+	bytes.insert(bytes.end(), text.begin(), text.end());
+}
+
+// ---- provenance as text that every format can hold ----
+
+// A keyword may have 79 printable characters in PNG. Ours are shorter; those of a foreign .rtfilm may not be.
+std::string attribute_name(const std::string& key)
+{
+	std::string name = "rt:" + key.substr(0, 76);
+	for (char& c : name)
+		if (c <= ' ' || c > '~')
+			c = '_';
+	return name;
+}
+
+// Length of the UTF-8 sequence that begins here, 0 if there is none: no overlong forms, surrogates or values above
+// U+10FFFF.
+std::size_t utf8_sequence(std::string_view text)
+{
+	const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
+	const unsigned char first = byte(0);
+	if (first < 0x80)
+		return 1;
+	const std::size_t length = first >= 0xf0 ? 4 : first >= 0xe0 ? 3 : 2;
+	if (first < 0xc2 || first > 0xf4 || text.size() < length)
+		return 0;
+	for (std::size_t i = 1; i < length; ++i)
+		if ((byte(i) & 0xc0) != 0x80)
+			return 0;
+	if ((first == 0xe0 && byte(1) < 0xa0) || (first == 0xed && byte(1) > 0x9f) || (first == 0xf0 && byte(1) < 0x90) ||
+	    (first == 0xf4 && byte(1) > 0x8f))
+		return 0;
+	return length;
+}
+
+// Drivers put anything into their strings: what is not valid UTF-8 becomes '?', control characters a space.
+std::string attribute_value(std::string_view text)
+{
+	std::string clean;
+	while (!text.empty()) {
+		const std::size_t length = utf8_sequence(text);
+		if (length == 0)
+			clean += '?';
+		else if (length == 1 && (static_cast<unsigned char>(text[0]) < 32 || text[0] == 127) && text[0] != '\n')
+			clean += ' ';
+		else
+			clean += text.substr(0, length);
+		text.remove_prefix(std::max<std::size_t>(length, 1));
+	}
+	return clean;
+}
+
+bool is_ascii(const std::string& text)
+{
+	return std::all_of(text.begin(), text.end(), [](char c) { return static_cast<unsigned char>(c) < 128; });
+}
+
+// ---- PNG ----
+
+void append_big_endian(Bytes& bytes, std::uint32_t value)
+{
+	for (int shift = 24; shift >= 0; shift -= 8)
+		bytes.push_back(static_cast<std::uint8_t>(value >> shift));
+}
+
+// A chunk: length, type, data, CRC over type and data.
+void append_chunk(Bytes& png, std::string_view type, std::string_view data)
+{
+	append_big_endian(png, static_cast<std::uint32_t>(data.size()));
+	const std::size_t start = png.size();
+	append(png, type);
+	append(png, data);
+	append_big_endian(png, static_cast<std::uint32_t>(::crc32_z(0, png.data() + start, png.size() - start)));
+}
+
+void append_transfer_chunk(Bytes& png, Transfer transfer)
+{
+	if (transfer == Transfer::Srgb) {
+		append_chunk(png, "sRGB", std::string_view("\0", 1)); // rendering intent: perceptual
+		return;
+	}
+	Bytes gamma; // 100000 times the exponent that encoded
+	append_big_endian(gamma, transfer == Transfer::Gamma2 ? 50000 : 100000);
+	append_chunk(png, "gAMA", std::string_view(reinterpret_cast<const char*>(gamma.data()), gamma.size()));
+}
+
+void append_text_chunk(Bytes& png, const std::string& key, const std::string& value)
+{
+	const std::string name = attribute_name(key), text = attribute_value(value);
+	// tEXt is Latin-1; only ASCII is the same there and in UTF-8. iTXt is UTF-8: not compressed, no language.
+	if (is_ascii(text))
+		append_chunk(png, "tEXt", name + std::string(1, '\0') + text);
+	else
+		append_chunk(png, "iTXt", name + std::string(5, '\0') + text);
+}
+
+void append_from_stb(void* context, void* data, int size)
+{
+	auto* const bytes = static_cast<Bytes*>(context);
+	const auto* const first = static_cast<const std::uint8_t*>(data);
+	bytes->insert(bytes->end(), first, first + size);
+}
+
+Result<Bytes> encode_png(const Film& film, const DisplaySettings& display, const Provenance& provenance)
+{
+	// stb_image_write counts in int, and its buffer doubles: up to this size nothing of it can overflow.
+	constexpr std::uint64_t max_raw_bytes = 900'000'000;
+	const std::uint64_t row_bytes = 3 * std::uint64_t(film.window().width);
+	if ((row_bytes + 1) * film.window().height > max_raw_bytes)
+		return Error{ErrorKind::Usage,
+		             fmt::format("{}x{} pixels are too many for a PNG", film.window().width, film.window().height),
+		             {},
+		             "write .exr or .rtfilm, or render a part with --crop",
+		             {}};
+
+	const Bytes pixels = to_8bit(film, display);
+	Bytes plain;
+	if (stbi_write_png_to_func(append_from_stb, &plain, static_cast<int>(film.window().width),
+	                           static_cast<int>(film.window().height), 3, pixels.data(),
+	                           static_cast<int>(row_bytes)) == 0)
+		return Error{ErrorKind::Memory, "the PNG could not be encoded", {}, "free some memory or write .pfm", {}};
+
+	// Signature (8 bytes) and IHDR (length, type, 13 bytes of data, CRC); our chunks go between it and the pixels.
+	constexpr std::ptrdiff_t after_header = 8 + 4 + 4 + 13 + 4;
+	Bytes png(plain.begin(), plain.begin() + after_header);
+	append_transfer_chunk(png, display.transfer);
+	for (const auto& [key, value] : provenance)
+		append_text_chunk(png, key, value);
+	png.insert(png.end(), plain.begin() + after_header, plain.end());
+	return png;
+}
+
+// ---- float formats ----
+
+// R, G, B a pixel, rows from the top.
+std::vector<float> float_pixels(const Film& film)
+{
+	std::vector<float> values;
+	values.reserve(film.sums().size());
+	for (std::uint32_t y = 0; y < film.window().height; ++y)
+		for (std::uint32_t x = 0; x < film.window().width; ++x)
+			for (int channel = 0; channel < 3; ++channel)
+				values.push_back(film.radiance_float(x, y, channel));
+	return values;
+}
+
+class MemoryStream : public Imf::OStream {
+public:
+	MemoryStream() : Imf::OStream("memory") {}
+	void write(const char data[], int count) override
+	{
+		const std::size_t end = position_ + static_cast<std::size_t>(count);
+		if (end > bytes_.size())
+			bytes_.resize(end);
+		std::memcpy(bytes_.data() + position_, data, static_cast<std::size_t>(count));
+		position_ = end;
+	}
+	std::uint64_t tellp() override { return position_; }
+	void seekp(std::uint64_t position) override { position_ = static_cast<std::size_t>(position); }
+	Bytes& bytes() { return bytes_; }
+
+private:
+	Bytes bytes_;
+	std::size_t position_ = 0;
+};
+
+Imath::Box2i box(std::uint32_t x, std::uint32_t y, std::uint32_t width, std::uint32_t height)
+{
+	return {{static_cast<int>(x), static_cast<int>(y)},
+	        {static_cast<int>(x + width - 1), static_cast<int>(y + height - 1)}};
+}
+
+Result<Bytes> encode_exr(const Film& film, const Provenance& provenance)
+{
+	const Window& window = film.window();
+	if (film.image_width() > INT_MAX / 2 || film.image_height() > INT_MAX / 2)
+		return Error{ErrorKind::Usage, "the image is too large for an EXR", {}, "write .rtfilm", {}};
+	std::vector<float> values = float_pixels(film);
+	MemoryStream stream;
+	try {
+		// Only what is put here gets into the file: nothing in it depends on the time or the machine.
+		const Imath::Box2i data_window = box(window.x, window.y, window.width, window.height);
+		Imf::Header header(box(0, 0, film.image_width(), film.image_height()), data_window, 1, Imath::V2f(0, 0), 1,
+		                   Imf::INCREASING_Y, Imf::ZIP_COMPRESSION);
+		Imf::addChromaticities(header, Imf::Chromaticities()); // of Rec. 709, as sRGB's
+		for (const auto& [key, value] : provenance)
+			header.insert(attribute_name(key), Imf::StringAttribute(attribute_value(value)));
+		Imf::FrameBuffer frame;
+		static const char* const channels[] = {"R", "G", "B"};
+		for (std::size_t i = 0; i < 3; ++i) {
+			header.channels().insert(channels[i], Imf::Channel(Imf::FLOAT));
+			frame.insert(channels[i], Imf::Slice::Make(Imf::FLOAT, values.data() + i, data_window, 3 * sizeof(float),
+			                                           3 * sizeof(float) * window.width));
+		}
+		// No threads: the file is the same with them, but a library should not start any unasked.
+		Imf::OutputFile file(stream, header, 0);
+		file.setFrameBuffer(frame);
+		file.writePixels(static_cast<int>(window.height));
+	} catch (const std::bad_alloc&) {
+		throw; // encode_image() knows what to say
+	} catch (const std::exception& failure) {
+		return Error{ErrorKind::Failure, "the EXR could not be encoded", {}, "write .pfm or .rtfilm", failure.what()};
+	}
+	return std::move(stream.bytes());
+}
+
+Bytes encode_pfm(const Film& film)
+{
+	const std::vector<float> values = float_pixels(film);
+	const std::size_t row = 3 * std::size_t(film.window().width);
+	Bytes pfm;
+	pfm.reserve(64 + 4 * values.size());
+	// A negative scale says little-endian.
+	append(pfm, fmt::format("PF\n{} {}\n-1.0\n", film.window().width, film.window().height));
+	for (std::size_t y = film.window().height; y-- > 0;)
+		for (std::size_t i = 0; i < row; ++i) {
+			std::uint32_t bits;
+			std::memcpy(&bits, &values[y * row + i], sizeof bits);
+			for (int shift = 0; shift < 32; shift += 8)
+				pfm.push_back(static_cast<std::uint8_t>(bits >> shift));
+		}
+	return pfm;
+}
+
+} // namespace
+
+Result<ImageFormat> image_format_of(const std::string& path)
+{
+	const std::size_t name = path.rfind('/') + 1; // npos + 1 is 0
+	const std::size_t dot = path.rfind('.');
+	std::string extension = dot == std::string::npos || dot < name ? std::string() : path.substr(dot + 1);
+	std::transform(extension.begin(), extension.end(), extension.begin(),
+	               [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; });
+	std::string known;
+	for (const Extension& candidate : extensions) {
+		if (extension == candidate.name)
+			return candidate.format;
+		known += fmt::format("{}.{}", known.empty() ? "" : ", ", candidate.name);
+	}
+	return Error{ErrorKind::Usage,
+	             "the image's format is not known from its name",
+	             path,
+	             fmt::format("end the name with one of {}", known),
+	             {}};
+}
+
+Result<Bytes> encode_image(const Film& film, ImageFormat format, const DisplaySettings& display,
+                           const Provenance& provenance)
+{
+	if (film.pixels() == 0)
+		return Error{ErrorKind::Usage, "the film has no pixels", {}, "render at least one", {}};
+	try {
+		switch (format) {
+		case ImageFormat::Png:
+			return encode_png(film, display, provenance);
+		case ImageFormat::Exr:
+			return encode_exr(film, provenance);
+		case ImageFormat::Pfm:
+			return encode_pfm(film);
+		case ImageFormat::RtFilm:
+			break;
+		}
+		return encode_rtfilm(film, provenance);
+	} catch (const std::bad_alloc&) {
+		return Error{
+		    ErrorKind::Memory,
+		    fmt::format("there is too little memory to encode {}x{} pixels", film.window().width, film.window().height),
+		    {},
+		    "free some memory, or render a part with --crop",
+		    {}};
+	}
+}
+
+Status write_image(const Film& film, const std::string& path, ImageFormat format, const DisplaySettings& display,
+                   const Provenance& provenance)
+{
+	auto bytes = encode_image(film, format, display, provenance);
+	if (!bytes) {
+		Error error = bytes.error();
+		if (error.where.empty())
+			error.where = path;
+		return error;
+	}
+	return write_file(path, bytes->data(), bytes->size());
+}
+
+} // namespace rt

@@ -1,0 +1,456 @@
+#include "render/session.h"
+
+#include "common/rt_features.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <fmt/format.h>
+#include <fstream>
+#include <mutex>
+#include <optional>
+#include <thread>
+
+namespace rt {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+// A launch aims at this long: short enough for a smooth bar, a quick Ctrl-C and every watchdog.
+constexpr double target_launch_seconds = 0.1;
+// A device holds the sums of this many bytes of pixels at once; larger windows are rendered page by page.
+constexpr std::uint64_t page_bytes = std::uint64_t(1) << 28;
+// Small sphere counts are compiled in, so that the loop over them can be unrolled.
+constexpr std::size_t max_unrolled_spheres = 16;
+constexpr double progress_interval_seconds = 0.1;
+
+std::uint32_t page_rows(const PackedScene& packed, std::uint64_t max_alloc_bytes)
+{
+	const std::uint64_t row_bytes = std::uint64_t(packed.scene.window_width) * sizeof(rt_film_pixel);
+	std::uint64_t limit = page_bytes;
+	if (max_alloc_bytes)
+		limit = std::min(limit, max_alloc_bytes);
+	const std::uint64_t rows = std::max<std::uint64_t>(1, limit / row_bytes);
+	return static_cast<std::uint32_t>(std::min<std::uint64_t>(rows, packed.scene.window_height));
+}
+
+std::uint64_t available_host_bytes()
+{
+	std::ifstream file("/proc/meminfo");
+	std::string key, unit;
+	for (std::uint64_t kilobytes; file >> key >> kilobytes; std::getline(file, unit))
+		if (key == "MemAvailable:")
+			return kilobytes * 1024;
+	return 0; // unknown
+}
+
+// ---- the work of one page: rows x samples, handed out in launches ----
+
+struct Work {
+	std::uint32_t first_row = 0, rows = 0;       // within the page
+	std::uint32_t first_sample = 0, samples = 0;
+};
+
+// Hands out a page's work. A pass is a range of samples over all rows; a worker that finds an unfinished pass takes rows
+// of it, otherwise it opens the next pass with as many samples as it manages in one launch.
+class WorkQueue {
+public:
+	WorkQueue(std::uint32_t width, std::uint32_t rows, std::uint32_t first_sample, std::uint32_t samples,
+	          std::uint32_t forced_rows, std::uint32_t forced_samples)
+	    : width_(width), rows_(rows), next_sample_(first_sample), end_sample_(first_sample + samples),
+	      forced_rows_(forced_rows), forced_samples_(forced_samples)
+	{
+	}
+
+	// `budget`: pixel samples that the worker wants to take at once.
+	std::optional<Work> take(double budget)
+	{
+		if (next_row_ == rows_ || !open_) {
+			if (next_sample_ == end_sample_)
+				return std::nullopt;
+			const double per_sample = double(width_) * rows_;
+			double wanted = std::clamp(budget / per_sample, 1.0, double(RT_MAX_SAMPLES_PER_LAUNCH));
+			if (forced_samples_)
+				wanted = std::min(forced_samples_, RT_MAX_SAMPLES_PER_LAUNCH);
+			pass_first_ = next_sample_;
+			pass_samples_ = std::min(static_cast<std::uint32_t>(wanted), end_sample_ - next_sample_);
+			next_sample_ += pass_samples_;
+			next_row_ = 0;
+			open_ = true;
+		}
+		Work work;
+		work.first_row = next_row_;
+		work.first_sample = pass_first_;
+		work.samples = pass_samples_;
+		const double rows = forced_rows_ ? forced_rows_ : budget / (double(width_) * pass_samples_);
+		const std::uint32_t left = rows_ - next_row_;
+		work.rows = rows >= left ? left : std::max(1u, static_cast<std::uint32_t>(rows));
+		next_row_ += work.rows;
+		return work;
+	}
+
+private:
+	std::uint32_t width_, rows_;
+	std::uint32_t next_sample_, end_sample_;
+	std::uint32_t forced_rows_, forced_samples_;
+	std::uint32_t next_row_ = 0, pass_first_ = 0, pass_samples_ = 0;
+	bool open_ = false;
+};
+
+// ---- what the workers of a session share ----
+
+struct Shared {
+	const PackedScene& packed;
+	const SessionOptions& options;
+
+	Shared(const PackedScene& scene, const SessionOptions& wanted) : packed(scene), options(wanted) {}
+
+	std::mutex mutex;
+	Film film;
+	Clock::time_point start = Clock::now();
+	Clock::time_point last_progress = start;
+	std::uint64_t samples_done = 0, samples_total = 0;
+	std::optional<Error> error; // of the first worker that failed; the others stop
+	// A snapshot is wanted: every worker adds what its device holds to the film; the last one hands it out.
+	unsigned snapshot_round = 0, drained = 0, workers = 0;
+	bool snapshot_open = false;
+
+	bool must_stop()
+	{
+		const std::lock_guard<std::mutex> lock(mutex);
+		return error.has_value() || (options.stop && options.stop->load());
+	}
+
+	void report_progress(bool last)
+	{
+		if (!options.progress || (!last && seconds_since(last_progress) < progress_interval_seconds))
+			return;
+		last_progress = Clock::now();
+		options.progress({samples_done, samples_total, seconds_since(start)});
+	}
+
+	// Call with the mutex held, after a worker drained or ended.
+	void close_snapshot_if_complete()
+	{
+		if (snapshot_open && drained >= workers) {
+			snapshot_open = false;
+			options.snapshot(film);
+		}
+	}
+};
+
+// ---- one device ----
+
+class Worker {
+public:
+	Worker(DeviceHandle device, Shared& shared) : device_(std::move(device)), shared_(shared)
+	{
+		stats_.device = device_->info().name;
+	}
+
+	const DeviceStats& stats() const { return stats_; }
+	bool served_snapshot(unsigned round) const { return snapshot_round_ == round; }
+
+	Status prepare()
+	{
+		const PackedScene& packed = shared_.packed;
+		const SessionOptions& options = shared_.options;
+		const ProgramSpec spec = render_program(packed, device_->info(), options);
+		if (options.status)
+			options.status("compiling the kernel for " + device_->info().name);
+		RT_TRY_ASSIGN(program_, device_->build(spec));
+		stats_.build = program_->report();
+		stats_.lanes = options.lanes ? options.lanes : device_->info().native_lanes;
+		stats_.native_roots = !options.software_roots && !device_->info().hardware_seeds;
+
+		const Clock::time_point start = Clock::now();
+		RT_TRY(upload(scene_, &packed.scene, sizeof packed.scene));
+		RT_TRY(upload_list(spheres_, packed.spheres));
+		RT_TRY(upload_list(wide_, packed.wide));
+		RT_TRY(upload_list(ids_, packed.sphere_ids));
+		RT_TRY(upload_list(sphere_materials_, packed.sphere_materials));
+		RT_TRY(upload_list(materials_, packed.materials));
+		RT_TRY(upload_list(textures_, packed.textures));
+		RT_TRY(upload_list(texels_, packed.texels));
+		stats_.upload_seconds = seconds_since(start);
+		// A guess to begin with, corrected by every launch: brute force costs in proportion to the spheres.
+		budget_ = std::min(65536.0, 0x1p27 / (8.0 + double(packed.spheres.size())));
+		return success();
+	}
+
+	Status begin_page(std::uint32_t first_row, std::uint32_t rows)
+	{
+		page_row_ = first_row;
+		page_pixels_ = std::size_t(rows) * shared_.packed.scene.window_width;
+		rt_scene scene = shared_.packed.scene;
+		scene.window_y += first_row;
+		scene.window_height = rows;
+		RT_TRY(device_->write(scene_, 0, &scene, sizeof scene));
+		const std::size_t bytes = page_pixels_ * sizeof(rt_film_pixel);
+		if (!film_ || film_->bytes() < bytes) {
+			film_.reset();
+			RT_TRY_ASSIGN(film_, device_->alloc(bytes));
+		}
+		return clear_page();
+	}
+
+	Status run_page(WorkQueue& queue)
+	{
+		while (!shared_.must_stop()) {
+			std::optional<Work> work;
+			{
+				const std::lock_guard<std::mutex> lock(shared_.mutex);
+				work = queue.take(budget_);
+			}
+			if (!work)
+				break;
+			RT_TRY(run(*work));
+			RT_TRY(serve_snapshot());
+		}
+		return drain();
+	}
+
+	// Adds what the device holds to the shared film and clears it there.
+	Status drain()
+	{
+		if (done_.empty())
+			return success();
+		const Clock::time_point start = Clock::now();
+		// A slice at a time keeps the copy small.
+		const std::size_t slice = std::min<std::size_t>(page_pixels_, std::size_t(1) << 18);
+		std::vector<rt_film_pixel> pixels(slice);
+		const std::size_t offset = std::size_t(page_row_) * shared_.packed.scene.window_width;
+		for (std::size_t first = 0; first < page_pixels_; first += slice) {
+			const std::size_t count = std::min(slice, page_pixels_ - first);
+			RT_TRY(device_->read(film_, first * sizeof(rt_film_pixel), pixels.data(), count * sizeof(rt_film_pixel)));
+			const std::lock_guard<std::mutex> lock(shared_.mutex);
+			add_pixels(pixels, offset + first, count);
+		}
+		{
+			const std::lock_guard<std::mutex> lock(shared_.mutex);
+			const std::size_t width = shared_.packed.scene.window_width;
+			for (const Work& work : done_) {
+				const auto begin = shared_.film.samples().begin() +
+				                   static_cast<std::ptrdiff_t>(offset + std::size_t(work.first_row) * width);
+				const auto end = begin + static_cast<std::ptrdiff_t>(std::size_t(work.rows) * width);
+				std::for_each(begin, end, [&](std::uint32_t& samples) { samples += work.samples; });
+			}
+		}
+		done_.clear();
+		stats_.read_seconds += seconds_since(start);
+		return clear_page();
+	}
+
+private:
+	Status upload(BufferHandle& buffer, const void* data, std::size_t bytes)
+	{
+		RT_TRY_ASSIGN(buffer, device_->alloc(bytes));
+		return device_->write(buffer, 0, data, bytes);
+	}
+
+	// An empty list still needs memory that a kernel's argument can point to.
+	template <class T>
+	Status upload_list(BufferHandle& buffer, const std::vector<T>& list)
+	{
+		const T nothing{};
+		return list.empty() ? upload(buffer, &nothing, sizeof nothing) : upload(buffer, list.data(), list.size() * sizeof(T));
+	}
+
+	Status clear_page()
+	{
+		const std::vector<rt_film_pixel> zeros(std::min<std::size_t>(page_pixels_, std::size_t(1) << 18), rt_film_pixel{});
+		for (std::size_t first = 0; first < page_pixels_; first += zeros.size()) {
+			const std::size_t count = std::min(zeros.size(), page_pixels_ - first);
+			RT_TRY(device_->write(film_, first * sizeof(rt_film_pixel), zeros.data(), count * sizeof(rt_film_pixel)));
+		}
+		return success();
+	}
+
+	Status run(const Work& work)
+	{
+		const std::uint32_t width = shared_.packed.scene.window_width;
+		// Tiles of 8x4 pixels, 32 / lanes work-items each (kernels/render.cl).
+		const std::uint64_t tiles = std::uint64_t((width + 7) / 8) * ((work.rows + 3) / 4);
+		const Clock::time_point start = Clock::now();
+		RT_TRY(device_->launch(program_, "rt_render", tiles * 32 / stats_.lanes,
+		                       {scene_, spheres_, wide_, ids_, sphere_materials_, materials_, textures_, texels_, film_,
+		                        work.first_row, work.rows, work.first_sample, work.samples},
+		                       shared_.options.group_size));
+		RT_TRY(device_->wait());
+		const double seconds = seconds_since(start);
+		const std::uint64_t samples = std::uint64_t(width) * work.rows * work.samples;
+		done_.push_back(work);
+		stats_.launches += 1;
+		stats_.samples += samples;
+		stats_.launch_seconds += seconds;
+		// Follow the measured speed, but not blindly: the first launch is dominated by its overhead.
+		const double wanted = double(samples) * target_launch_seconds / std::max(seconds, 1e-6);
+		budget_ = std::clamp(wanted, budget_ / 8, budget_ * 8);
+
+		const std::lock_guard<std::mutex> lock(shared_.mutex);
+		shared_.samples_done += samples;
+		shared_.report_progress(false);
+		return success();
+	}
+
+	Status serve_snapshot()
+	{
+		const SessionOptions& options = shared_.options;
+		if (!options.snapshot)
+			return success();
+		{
+			const std::lock_guard<std::mutex> lock(shared_.mutex);
+			if (!shared_.snapshot_open && options.snapshot_wanted && options.snapshot_wanted()) {
+				shared_.snapshot_open = true;
+				shared_.snapshot_round += 1;
+				shared_.drained = 0;
+			}
+			if (!shared_.snapshot_open || snapshot_round_ == shared_.snapshot_round)
+				return success();
+			snapshot_round_ = shared_.snapshot_round;
+		}
+		RT_TRY(drain());
+		const std::lock_guard<std::mutex> lock(shared_.mutex);
+		shared_.drained += 1;
+		shared_.close_snapshot_if_complete();
+		return success();
+	}
+
+	void add_pixels(const std::vector<rt_film_pixel>& pixels, std::size_t first, std::size_t count)
+	{
+		constexpr std::uint64_t segments_mask = (std::uint64_t(1) << RT_TALLY_REJECTED_SHIFT) - 1;
+		std::int64_t* sums = shared_.film.sums().data() + first * 3;
+		for (std::size_t i = 0; i < count; ++i, sums += 3) {
+			sums[0] += pixels[i].r;
+			sums[1] += pixels[i].g;
+			sums[2] += pixels[i].b;
+			const auto tally = static_cast<std::uint64_t>(pixels[i].tally);
+			shared_.film.segments += tally & segments_mask;
+			shared_.film.rejected += tally >> RT_TALLY_REJECTED_SHIFT;
+		}
+	}
+
+	DeviceHandle device_;
+	Shared& shared_;
+	DeviceStats stats_;
+	ProgramHandle program_;
+	BufferHandle scene_, spheres_, wide_, ids_, sphere_materials_, materials_, textures_, texels_, film_;
+	std::uint32_t page_row_ = 0;
+	std::size_t page_pixels_ = 0;
+	std::vector<Work> done_; // launches whose sums are on the device and not yet in the film
+	double budget_ = 0;      // pixel samples for the next launch
+	unsigned snapshot_round_ = 0;
+};
+
+Status check_memory(const PackedScene& packed, const std::vector<DeviceHandle>& devices)
+{
+	constexpr double mebibyte = 1024.0 * 1024.0;
+	const std::uint64_t host = host_bytes_needed(packed), free_host = available_host_bytes();
+	if (free_host && host > free_host)
+		return Error{ErrorKind::Memory,
+		             fmt::format("the film needs {:.0f} MiB of host memory and {:.0f} MiB are free", double(host) / mebibyte,
+		                         double(free_host) / mebibyte),
+		             {}, "render a smaller image, or parts of it with --crop", {}};
+	const std::uint64_t needed = device_bytes_needed(packed);
+	for (const DeviceHandle& device : devices)
+		if (device->info().memory_bytes && needed > device->info().memory_bytes)
+			return Error{ErrorKind::Memory,
+			             fmt::format("the render needs {:.0f} MiB of device memory and the device has {:.0f} MiB",
+			                         double(needed) / mebibyte, double(device->info().memory_bytes) / mebibyte),
+			             device->info().name, "choose a device with more memory, or a smaller scene", {}};
+	return success();
+}
+
+} // namespace
+
+ProgramSpec render_program(const PackedScene& packed, const DeviceInfo& device, const SessionOptions& options)
+{
+	ProgramSpec spec;
+	spec.root = "kernels/render.cl";
+	spec.entries = {"rt_render"};
+	const bool permuted = (packed.features & RT_FEATURE_PERMUTED) != 0;
+	const std::uint32_t features = options.specialise ? packed.features : std::uint32_t(RT_FEATURE_ALL);
+	spec.defines.emplace_back("RT_LANES", fmt::format("{}", options.lanes ? options.lanes : device.native_lanes));
+	spec.defines.emplace_back("RT_FEATURES", fmt::format("{:#x}u", features));
+	spec.defines.emplace_back("RT_DEF_NATIVE_ROOTS", options.software_roots || device.hardware_seeds ? "0" : "1");
+	if (options.specialise && !permuted && packed.spheres.size() <= max_unrolled_spheres) {
+		spec.defines.emplace_back("RT_DEF_SPHERE_COUNT", fmt::format("{}", packed.spheres.size()));
+		spec.defines.emplace_back("RT_DEF_WIDE_COUNT", fmt::format("{}", packed.wide.size()));
+	}
+	return spec;
+}
+
+std::uint64_t device_bytes_needed(const PackedScene& packed)
+{
+	return packed.bytes() + std::uint64_t(page_rows(packed, 0)) * packed.scene.window_width * sizeof(rt_film_pixel);
+}
+
+std::uint64_t host_bytes_needed(const PackedScene& packed)
+{
+	const std::uint64_t pixels = std::uint64_t(packed.scene.window_width) * packed.scene.window_height;
+	// Three sums and a count in the film, and about as much again while it is encoded.
+	return pixels * (3 * sizeof(std::int64_t) + sizeof(std::uint32_t)) * 2;
+}
+
+Result<SessionResult> render_scene(const PackedScene& packed, const std::vector<DeviceHandle>& devices,
+                                   const SessionOptions& options)
+{
+	RT_TRY(check_memory(packed, devices));
+	const rt_scene& scene = packed.scene;
+	Shared shared(packed, options);
+	shared.film = Film(scene.width, scene.height,
+	                   {scene.window_x, scene.window_y, scene.window_width, scene.window_height}, packed.film_exponent);
+	shared.samples_total = shared.film.pixels() * options.samples;
+
+	std::vector<Worker> workers;
+	workers.reserve(devices.size());
+	std::uint64_t max_alloc = 0;
+	for (const DeviceHandle& device : devices) {
+		workers.emplace_back(device, shared);
+		RT_TRY(workers.back().prepare());
+		const std::uint64_t bytes = device->info().max_alloc_bytes;
+		max_alloc = max_alloc && bytes ? std::min(max_alloc, bytes) : std::max(max_alloc, bytes);
+	}
+
+	shared.start = shared.last_progress = Clock::now();
+	const std::uint32_t rows_per_page = page_rows(packed, max_alloc);
+	for (std::uint32_t row = 0; row < scene.window_height && !shared.must_stop(); row += rows_per_page) {
+		const std::uint32_t rows = std::min(rows_per_page, scene.window_height - row);
+		WorkQueue queue(scene.window_width, rows, options.first_sample, options.samples, options.rows_per_launch,
+		                options.samples_per_launch);
+		shared.workers = static_cast<unsigned>(workers.size());
+		const auto work = [&](Worker& worker) {
+			Status status = worker.begin_page(row, rows);
+			if (status)
+				status = worker.run_page(queue);
+			const std::lock_guard<std::mutex> lock(shared.mutex);
+			if (!status && !shared.error)
+				shared.error = status.error();
+			shared.workers -= 1;
+			if (shared.snapshot_open && worker.served_snapshot(shared.snapshot_round))
+				shared.drained -= 1;
+			shared.close_snapshot_if_complete();
+		};
+		std::vector<std::thread> threads;
+		for (std::size_t i = 1; i < workers.size(); ++i)
+			threads.emplace_back(work, std::ref(workers[i]));
+		work(workers[0]);
+		for (std::thread& thread : threads)
+			thread.join();
+	}
+	if (shared.error)
+		return *shared.error;
+	shared.report_progress(true);
+
+	SessionResult result;
+	result.render_seconds = seconds_since(shared.start);
+	result.interrupted = shared.samples_done < shared.samples_total;
+	for (const Worker& worker : workers)
+		result.devices.push_back(worker.stats());
+	result.film = std::move(shared.film);
+	return result;
+}
+
+} // namespace rt

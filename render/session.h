@@ -1,0 +1,71 @@
+// session.h: renders a packed scene on one or more devices into a film, by bounded launches.
+//
+// A launch covers some rows of the window and a range of samples and aims at 50-200 ms: that gives progress, an
+// honest remaining time and a quick stop by one mechanism. How the work is split, and among which devices, cannot
+// change a bit: random numbers depend on (seed, pixel, sample, dimension) only and sums are integers.
+#pragma once
+
+#include "backends/backend.h"
+#include "render/film.h"
+#include "render/pack.h"
+#include "support/result.h"
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+namespace rt {
+
+struct Progress {
+	std::uint64_t samples_done = 0; // pixel samples
+	std::uint64_t samples_total = 0;
+	double seconds = 0; // since rendering began
+};
+
+struct SessionOptions {
+	std::uint32_t first_sample = 0; // samples [first_sample, first_sample + samples) are taken
+	std::uint32_t samples = 1;
+	bool specialise = true;      // compile for the scene's features and sphere count; false: the generic program
+	bool software_roots = false; // our own square root and reciprocal even where the device's are proven
+	std::uint32_t lanes = 0;     // 0: the device's native width
+	std::uint32_t group_size = 0;       // 0: the backend's choice
+	std::uint32_t rows_per_launch = 0;  // 0: chosen by time
+	std::uint32_t samples_per_launch = 0;
+	const std::atomic<bool>* stop = nullptr; // when true, the launch in flight is finished and the film so far returned
+	std::function<void(const Progress&)> progress;               // one call at a time, about ten a second
+	std::function<void(const std::string&)> status;              // "compiling the kernel for ..."
+	std::function<bool()> snapshot_wanted;                       // polled between launches
+	std::function<void(const Film&)> snapshot;                   // gets the film so far
+};
+
+struct DeviceStats {
+	std::string device;
+	BuildReport build;
+	std::uint64_t launches = 0;
+	std::uint64_t samples = 0;
+	std::uint32_t lanes = 1;
+	bool native_roots = true;
+	double upload_seconds = 0, launch_seconds = 0, read_seconds = 0;
+};
+
+struct SessionResult {
+	Film film;
+	bool interrupted = false;
+	double render_seconds = 0;
+	std::vector<DeviceStats> devices;
+};
+
+// The program that a session builds for a scene on a device: features, sphere counts, lanes, roots.
+ProgramSpec render_program(const PackedScene& packed, const DeviceInfo& device, const SessionOptions& options);
+
+// Bytes that a render takes on a device, and on the host beside the scene itself.
+std::uint64_t device_bytes_needed(const PackedScene& packed);
+std::uint64_t host_bytes_needed(const PackedScene& packed);
+
+// Errors: Build, Memory (estimated before it is taken, with the figures), Failure from a driver.
+Result<SessionResult> render_scene(const PackedScene& packed, const std::vector<DeviceHandle>& devices,
+                                   const SessionOptions& options);
+
+} // namespace rt

@@ -1,0 +1,395 @@
+#include "tools/command_render.h"
+
+#include "backends/self_test.h"
+#include "common/rt_contract.h"
+#include "render/image_file.h"
+#include "render/scene_file.h"
+#include "render/session.h"
+#include "support/files.h"
+#include "tools/film_provenance.h"
+#include "tools/passes.h"
+#include "tools/render_stats.h"
+#include "tools/report.h"
+#include "tools/signals.h"
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include <cstdio>
+#include <filesystem>
+#include <utility>
+
+#include <unistd.h>
+
+namespace rt {
+
+namespace {
+
+struct OutputFile {
+	std::string path;
+	ImageFormat format = ImageFormat::Png;
+};
+
+// The file of a frame: FILE.ext as it is, numbered where there are several frames; PREFIX_000000000.png without one.
+Result<OutputFile> output_file(const RenderOptions& options, const std::string& scene_name, std::uint32_t frame)
+{
+	const std::string asked = options.output.empty() ? scene_name + ".png" : options.output;
+	if (asked == "-")
+		return OutputFile{asked, ImageFormat::Png};
+	const std::filesystem::path path(asked);
+	if (!path.has_filename())
+		return Error{ErrorKind::Usage, fmt::format("'{}' is a directory, not a file", asked), "--output",
+		             "add a file's name to it", ""};
+	if (!path.has_extension())
+		return OutputFile{fmt::format("{}_{:09}.png", asked, frame), ImageFormat::Png};
+	RT_TRY_ASSIGN(const ImageFormat format, image_format_of(asked));
+	if (options.frame_count() == 1)
+		return OutputFile{asked, format};
+	std::filesystem::path numbered = path;
+	numbered.replace_filename(fmt::format("{}_{:09}{}", path.stem().string(), frame, path.extension().string()));
+	return OutputFile{numbered.string(), format};
+}
+
+// The part of the image to render, which must lie in it.
+Result<Window> window_in(const RenderOptions& options, const RenderSettings& settings)
+{
+	if (!options.window)
+		return Window{0, 0, settings.width, settings.height};
+	const Window& window = *options.window;
+	// No sum overflows: the command line's numbers are far below 2^31.
+	if (window.x + window.width > settings.width || window.y + window.height > settings.height)
+		return Error{ErrorKind::Usage,
+		             fmt::format("columns {} to {} and rows {} to {} are not all in an image of {}x{}", window.x,
+		                         window.x + window.width - 1, window.y, window.y + window.height - 1, settings.width,
+		                         settings.height),
+		             "--crop or --pixel",
+		             fmt::format("columns go from 0 to {}, rows from 0 to {}, row 0 at the top", settings.width - 1,
+		                         settings.height - 1),
+		             ""};
+	return window;
+}
+
+std::string describe(const DeviceInfo& info)
+{
+	return fmt::format("{} ({})", info.name, info.backend);
+}
+
+class RenderCommand {
+public:
+	explicit RenderCommand(const RenderOptions& options) : options_(options), display_(options.progress) {}
+
+	Status run()
+	{
+		times_.begin("load_scene");
+		RT_TRY_ASSIGN(scene_file_, open_scene(options_.scene));
+		RT_TRY(check_outputs());
+		// The first frame is checked before a device is touched: most mistakes are in the scene.
+		RT_TRY(prepare(options_.first_frame));
+		RT_TRY(open_devices());
+		catch_stop_signals();
+		for (std::uint32_t frame = options_.first_frame;; frame++) {
+			if (frame != options_.first_frame)
+				RT_TRY(prepare(frame));
+			RT_TRY(render());
+			if (frame == options_.last_frame)
+				return success();
+			if (stop_requested())
+				return Error{ErrorKind::Interrupted, fmt::format("stopped after frame {}", frame), output_.path,
+				             fmt::format("go on with --frames {}:{}", frame + 1, options_.last_frame), ""};
+		}
+	}
+
+private:
+	// Nothing is rendered that could not be kept.
+	Status check_outputs() const
+	{
+		if (options_.output == "-" && isatty(STDOUT_FILENO) == 1)
+			return Error{ErrorKind::Usage, "a PNG file is not shown on a terminal", "--output -",
+			             "send standard output to a file or a program, or name a file", ""};
+		for (const std::string* file : {&options_.stats, &options_.checkpoint})
+			if (!file->empty())
+				RT_TRY(check_writable(*file));
+		return success();
+	}
+
+	// From the scene file to what the kernels read, for one frame.
+	Status prepare(std::uint32_t frame)
+	{
+		RT_TRY_ASSIGN(output_, output_file(options_, scene_file_.base.name, frame));
+		RT_TRY(check_writable(output_.path));
+		times_.begin("pack_scene");
+		RT_TRY_ASSIGN(const Scene scene, scene_file_.at_frame(frame));
+		origin_.scene = options_.scene;
+		origin_.scene_hash = scene.hash;
+		origin_.frame = frame;
+		origin_.settings = options_.settings_over(scene.render);
+		origin_.display = options_.display;
+		RT_TRY_ASSIGN(origin_.window, window_in(options_, origin_.settings));
+		RT_TRY_ASSIGN(packed_, pack_scene(scene, origin_.settings, origin_.window));
+		times_.end();
+		if (options_.verbose)
+			note(fmt::format("{}: {}, {}; features {}", options_.scene, plural(packed_.spheres.size(), "sphere"),
+			                 format_bytes(packed_.bytes()), fmt::join(feature_names(packed_.features), " ")));
+		return success();
+	}
+
+	Status open_devices()
+	{
+		times_.begin("enumerate");
+		const Enumeration found = enumerate_all();
+		RT_TRY_ASSIGN(const std::vector<DeviceInfo> chosen, select_devices(options_.device, found));
+		for (const DeviceInfo& info : chosen) {
+			times_.begin("open_device");
+			RT_TRY_ASSIGN(DeviceHandle device, open_device(info));
+			display_.set_device(device_label(chosen));
+			times_.begin("self_test");
+			RT_TRY(test(device));
+			times_.end();
+			origin_.devices.push_back(std::move(device));
+		}
+		return success();
+	}
+
+	static std::string device_label(const std::vector<DeviceInfo>& chosen)
+	{
+		return chosen.size() == 1 ? chosen[0].name : fmt::format("{} devices", chosen.size());
+	}
+
+	Status test(const DeviceHandle& device)
+	{
+		const DeviceInfo& info = device->info();
+		display_.status("testing " + describe(info));
+		const Result<SelfTestReport> report = self_test(device, !options_.self_test_afresh);
+		if (!report) {
+			if (!options_.force_unverified)
+				return report.error();
+			take_unverified(info, "the self-test could not be run: " + report.error().message);
+			return success();
+		}
+		software_roots_ = software_roots_ || report->needs_software_roots;
+		if (options_.verbose)
+			note(fmt::format("{}: driver {}, self-test {} in {}{}{}", describe(info), info.driver,
+			                 report->passed ? "passed" : "failed", format_seconds(report->seconds),
+			                 report->from_cache ? " (remembered)" : "",
+			                 report->needs_software_roots ? ", our own square root and reciprocal" : ""));
+		if (report->passed) {
+			if (origin_.self_test.empty())
+				origin_.self_test = "passed";
+			return success();
+		}
+		if (options_.force_unverified) {
+			take_unverified(info, report->first_failure());
+			return success();
+		}
+		std::string failures;
+		for (const SelfTestItem& item : report->items)
+			if (!item.passed && item.required)
+				failures += fmt::format("{}: {}\n", item.name, item.detail);
+		return Error{ErrorKind::SelfTest,
+		             fmt::format("{} does not keep the numeric contract: {}", info.name, report->first_failure()),
+		             fmt::format("self-test of {}, driver {}", describe(info), info.driver),
+		             "take another device (`rt devices` lists them) or another driver; --force-unverified renders all "
+		             "the same, and the image will say so",
+		             failures};
+	}
+
+	void take_unverified(const DeviceInfo& info, const std::string& failure)
+	{
+		if (origin_.self_test.empty() || origin_.self_test == "passed")
+			origin_.self_test = "failed: " + failure;
+		display_.clear();
+		report_warning(fmt::format("{} is not verified: {}", describe(info), failure),
+		               "compare its image with that of a verified device before you trust it");
+	}
+
+	bool is_resumable() const { return !options_.checkpoint.empty() || output_.format == ImageFormat::RtFilm; }
+
+	Status render()
+	{
+		PassOptions passes;
+		passes.samples = origin_.settings.samples;
+		passes.resumable = is_resumable();
+		passes.checkpoint_seconds = options_.checkpoint_seconds;
+		passes.session.specialise = options_.specialise;
+		passes.session.software_roots = software_roots_;
+		passes.session.lanes = options_.lanes;
+		passes.session.stop = &stop_requested();
+		passes.session.status = [this](const std::string& text) { display_.status(text); };
+		passes.session.snapshot_wanted = take_snapshot_request;
+		passes.snapshot = [this](const Film& film) { write_snapshot(film); };
+		passes.progress = [this](const Progress& progress, std::uint64_t before) { display_.update(progress, before); };
+		if (!options_.checkpoint.empty())
+			passes.checkpoint = [this](const Film& film) {
+				return write_image(film, options_.checkpoint, ImageFormat::RtFilm, options_.display,
+				                   provenance_of(origin_, film, {}));
+			};
+		if (!options_.resume.empty()) {
+			times_.begin("resume");
+			RT_TRY_ASSIGN(LoadedFilm loaded, load_film_to_resume(options_.resume, origin_, packed_.film_exponent));
+			origin_.resumed = std::move(loaded.provenance);
+			passes.start = std::move(loaded.film);
+		}
+		display_.begin(title(), std::uint64_t(origin_.window.width) * origin_.window.height);
+		times_.begin("render");
+		Result<PassResult> rendered = render_in_passes(packed_, origin_.devices, std::move(passes));
+		display_.clear();
+		if (!rendered)
+			return rendered.error();
+		times_.begin("write_image");
+		const PassResult& result = *rendered;
+		if (result.interrupted)
+			return finish_interrupted(result);
+		RT_TRY(write_output(result.film, result.devices));
+		times_.end();
+		if (result.film.rejected > 0)
+			report_warning(fmt::format("{} were rejected: they were not finite or far too bright",
+			                           plural(result.film.rejected, "sample")),
+			               "this is a bug of rt or of the device's driver; please report it with the output of "
+			               "`rt devices -v`");
+		return finish(result, result.film);
+	}
+
+	std::string title() const
+	{
+		if (options_.frame_count() == 1)
+			return {};
+		return fmt::format("frame {} of {}", origin_.frame - options_.first_frame + 1, options_.frame_count());
+	}
+
+	Status write_output(const Film& film, const std::vector<DeviceStats>& stats) const
+	{
+		return write_image(film, output_.path, output_.format, options_.display, provenance_of(origin_, film, stats));
+	}
+
+	// SIGUSR1. A failure is told and the render goes on: the disk may have room again when it ends.
+	void write_snapshot(const Film& film)
+	{
+		display_.clear();
+		if (output_.path == "-")
+			report_warning("the image so far was asked for, and standard output takes only one image",
+			               "name a file with --output");
+		else if (const Status written = write_output(film, {}); !written)
+			report_warning("the image so far could not be written: " + written.error().message, written.error().cure);
+		else if (!options_.quiet)
+			note(fmt::format("{} holds the image so far: {} of {} samples a pixel", output_.path, samples_text(film),
+			                 origin_.settings.samples));
+	}
+
+	// Summary and statistics of a frame whose file is written and holds `kept`.
+	Status finish(const PassResult& result, const Film& kept)
+	{
+		if (options_.verbose)
+			for (const DeviceStats& device : result.devices)
+				note(fmt::format("{}: kernel {} in {}{}, {}, {}, options {}", device.device,
+				                 device.build.from_cache ? "from the cache"
+				                 : device.build.embedded ? "as shipped"
+				                                         : "built",
+				                 format_seconds(device.build.seconds),
+				                 device.build.variant.empty() ? "" : " (" + device.build.variant + ")",
+				                 plural(device.lanes, "lane"), fmt::format("{} launches", device.launches),
+				                 device.build.options.empty() ? "none" : device.build.options));
+		RT_TRY(write_stats(result, kept));
+		// The summary gives way where standard output carries the image or the statistics.
+		const std::string text = summary(result, kept);
+		if (output_.path == "-" || options_.stats == "-")
+			print_message(text);
+		else
+			print_result(text);
+		return flush_results();
+	}
+
+	std::string summary(const PassResult& result, const Film& kept) const
+	{
+		const std::string film = fmt::format("film {}\n", kept.hash().hex());
+		if (options_.quiet)
+			return film;
+		const RenderSettings& settings = origin_.settings;
+		std::string size = fmt::format("{}x{}", settings.width, settings.height);
+		if (options_.window)
+			size = fmt::format("{}x{} of {}", origin_.window.width, origin_.window.height, size);
+		std::string text =
+		    fmt::format("{}: {}, {} samples a pixel, {}\n", output_.path == "-" ? "standard output" : output_.path,
+		                size, samples_text(kept), precision_name);
+		std::vector<std::string> names;
+		for (const DeviceHandle& device : origin_.devices)
+			names.push_back(describe(device->info()));
+		const double seconds = result.seconds > 0 ? result.seconds : 1e-9;
+		text += fmt::format("{}samples in {} on {}: {}samples/s, {}rays/s{}\n",
+		                    format_quantity(static_cast<double>(result.samples)), format_seconds(result.seconds),
+		                    fmt::join(names, " and "), format_quantity(static_cast<double>(result.samples) / seconds),
+		                    format_quantity(static_cast<double>(result.segments) / seconds),
+		                    origin_.self_test == "passed" ? "" : ", NOT VERIFIED");
+		return text + film;
+	}
+
+	// One frame: everything in one object. Several: the frames in a list, written anew after each.
+	Status write_stats(const PassResult& result, const Film& kept)
+	{
+		if (options_.stats.empty())
+			return success();
+		frames_.push_back(frame_json(origin_, packed_, result, kept, output_.path));
+		nlohmann::ordered_json all = run_json(origin_, times_);
+		if (options_.frame_count() == 1)
+			all.update(frames_.front());
+		else
+			all["frames"] = frames_;
+		if (options_.stats != "-")
+			return write_file(options_.stats, to_text(all));
+		if (origin_.frame == options_.last_frame || result.interrupted)
+			print_result(to_text(all));
+		return success();
+	}
+
+	Status finish_interrupted(const PassResult& result)
+	{
+		Error stopped{ErrorKind::Interrupted, "", output_.path, "", ""};
+		if (result.film.max_samples() == 0) {
+			stopped.message = "stopped before the first sample; nothing was written";
+			return stopped;
+		}
+		// A film to go on from is worth more in an .rtfilm than the few samples that came after it.
+		const bool keep_even = output_.format == ImageFormat::RtFilm && result.even;
+		const Film& kept = keep_even ? *result.even : result.film;
+		RT_TRY(write_output(kept, result.devices));
+		times_.end();
+		RT_TRY(finish(result, kept));
+		stopped.message = fmt::format("stopped; {} holds {} of {} samples a pixel",
+		                              output_.path == "-" ? "standard output" : output_.path, samples_text(kept),
+		                              origin_.settings.samples);
+		const std::string& from = options_.checkpoint.empty() ? output_.path : options_.checkpoint;
+		if (result.even)
+			stopped.cure =
+			    fmt::format("go on from {} samples a pixel with --resume {}", samples_text(*result.even), from);
+		else if (is_resumable())
+			stopped.cure = "there is nothing to go on from: not one sample of every pixel was complete";
+		else
+			stopped.cure = "to be able to go on, render with --checkpoint FILE.rtfilm";
+		return stopped;
+	}
+
+	void note(const std::string& text)
+	{
+		display_.clear();
+		report_note(text);
+	}
+
+	const RenderOptions& options_;
+	ProgressDisplay display_;
+	PhaseTimes times_;
+	SceneFile scene_file_;
+	OutputFile output_;
+	FilmOrigin origin_;
+	PackedScene packed_;
+	bool software_roots_ = false;
+	std::vector<nlohmann::ordered_json> frames_;
+};
+
+} // namespace
+
+Status run_render(const RenderOptions& options)
+{
+	catch_snapshot_signal();
+	return RenderCommand(options).run();
+}
+
+} // namespace rt

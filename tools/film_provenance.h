@@ -1,0 +1,49 @@
+// film_provenance.h: what rt writes into a file about how its film was made, and whether a film may be gone on from.
+#pragma once
+
+#include "backends/backend.h"
+#include "render/display.h"
+#include "render/film.h"
+#include "render/image_file.h"
+#include "render/provenance.h"
+#include "render/scene.h"
+#include "render/session.h"
+#include "support/result.h"
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace rt {
+
+// The precision that every film of this version has.
+constexpr const char* precision_name = "exact";
+
+// Everything about a film that is not in it.
+struct FilmOrigin {
+	std::string scene; // as the user named it
+	Hash128 scene_hash;
+	std::uint32_t frame = 0;
+	RenderSettings settings;
+	Window window;
+	DisplaySettings display;
+	std::vector<DeviceHandle> devices;
+	std::string self_test; // "passed" or "failed: ..."
+	Provenance resumed;    // of the film that was gone on from; empty if there was none
+};
+
+// In the order and with the keys of provenance.h. `stats` may be empty while a render is under way.
+Provenance provenance_of(const FilmOrigin& origin, const Film& film, const std::vector<DeviceStats>& stats);
+
+// "0,640,0,480": a window as --crop takes it.
+std::string window_text(const Window& window);
+// "srgb", "gamma2" or "linear": a transfer as --transfer takes it.
+const char* transfer_name(Transfer transfer);
+// "128", or "12 to 14" of an uneven film.
+std::string samples_text(const Film& film);
+
+// Reads the film to go on from. Usage error that names every difference if it is not a film of the same image, made by
+// the same kernels, or if it is uneven or has more than the samples wanted.
+Result<LoadedFilm> load_film_to_resume(const std::string& path, const FilmOrigin& origin, std::int32_t exponent);
+
+} // namespace rt

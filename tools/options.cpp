@@ -1,0 +1,477 @@
+#include "tools/options.h"
+
+#include "backends/kernel_text.h"
+#include "common/rt_contract.h"
+#include "render/closest_match.h"
+#include "render/scene_ranges.h"
+#include "version.h"
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+namespace rt {
+
+namespace {
+
+Error usage(std::string message, std::string cure, std::string where = "command line")
+{
+	return Error{ErrorKind::Usage, std::move(message), std::move(where), std::move(cure), ""};
+}
+
+// ---- values ------------------------------------------------------------------------------------------------------
+
+struct Range {
+	std::uint32_t min, max;
+};
+
+// The command line may ask for what a scene file may ask for.
+constexpr Range range_of(const NumberRange& range)
+{
+	return {static_cast<std::uint32_t>(range.least), static_cast<std::uint32_t>(range.most)};
+}
+
+constexpr Range image_side = range_of(range::image_size);
+
+std::optional<std::uint32_t> whole_number(std::string_view text, Range range)
+{
+	std::uint32_t value = 0;
+	const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+	if (error != std::errc() || end != text.data() + text.size() || value < range.min || value > range.max)
+		return std::nullopt;
+	return value;
+}
+
+Result<std::uint32_t> parse_number(const char* option, const std::string& text, Range range)
+{
+	if (const auto value = whole_number(text, range))
+		return *value;
+	return usage(fmt::format("{} takes a whole number from {} to {}, not '{}'", option, range.min, range.max, text),
+	             fmt::format("write digits only, for example {} {}", option, std::clamp(128u, range.min, range.max)));
+}
+
+// Cuts "a,b,c" at every separator; empty items are kept and fail as numbers.
+std::vector<std::string_view> split(std::string_view text, char separator)
+{
+	std::vector<std::string_view> parts;
+	for (;;) {
+		const std::size_t end = text.find(separator);
+		parts.push_back(text.substr(0, end));
+		if (end == std::string_view::npos)
+			return parts;
+		text.remove_prefix(end + 1);
+	}
+}
+
+// Exactly N whole numbers in their range between separators; nothing otherwise.
+template <std::size_t N>
+std::optional<std::array<std::uint32_t, N>> numbers_in(std::string_view text, char separator, Range range)
+{
+	const std::vector<std::string_view> parts = split(text, separator);
+	std::array<std::uint32_t, N> values{};
+	if (parts.size() != N)
+		return std::nullopt;
+	for (std::size_t i = 0; i < N; i++) {
+		const auto value = whole_number(parts[i], range);
+		if (!value)
+			return std::nullopt;
+		values[i] = *value;
+	}
+	return values;
+}
+
+Result<Window> parse_crop(const std::string& text)
+{
+	const auto sides = numbers_in<4>(text, ',', {0, image_side.max});
+	if (!sides || (*sides)[0] >= (*sides)[1] || (*sides)[2] >= (*sides)[3])
+		return usage(fmt::format("--crop takes x0,x1,y0,y1 with x0 < x1 and y0 < y1, not '{}'", text),
+		             "columns x0 to x1 - 1 and rows y0 to y1 - 1 are rendered, row 0 at the top: --crop 0,100,0,50");
+	const auto [x0, x1, y0, y1] = *sides;
+	return Window{x0, y0, x1 - x0, y1 - y0};
+}
+
+Result<Window> parse_pixel(const std::string& text)
+{
+	const auto position = numbers_in<2>(text, ',', {0, image_side.max - 1});
+	if (!position)
+		return usage(fmt::format("--pixel takes x,y, not '{}'", text),
+		             "two whole numbers, row 0 at the top: --pixel 320,240");
+	return Window{(*position)[0], (*position)[1], 1, 1};
+}
+
+Status parse_frames(const std::string& text, RenderOptions& options)
+{
+	if (const auto frame = whole_number(text, {0, max_frame})) {
+		options.first_frame = options.last_frame = *frame;
+		return success();
+	}
+	const auto ends = numbers_in<2>(text, ':', {0, max_frame});
+	if (!ends || (*ends)[0] > (*ends)[1])
+		return usage(
+		    fmt::format("--frames takes A:B with A <= B, both from 0 to {}, or one number, not '{}'", max_frame, text),
+		    "frames A to B are rendered, both included: --frames 0:23");
+	options.first_frame = (*ends)[0];
+	options.last_frame = (*ends)[1];
+	return success();
+}
+
+Result<double> parse_exposure(const std::string& text)
+{
+	double value = 0;
+	const char* first = text.data() + (text.size() > 1 && text[0] == '+' ? 1 : 0);
+	const auto [end, error] = std::from_chars(first, text.data() + text.size(), value);
+	if (error != std::errc() || end != text.data() + text.size() || !(std::fabs(value) <= max_exposure_stops))
+		return usage(
+		    fmt::format("--exposure takes a number of stops from -{0} to {0}, not '{1}'", max_exposure_stops, text),
+		    "one stop doubles the brightness: --exposure 1.5");
+	return value;
+}
+
+template <class T>
+Result<T> parse_word(const char* option, const std::string& text,
+                     std::initializer_list<std::pair<const char*, T>> words)
+{
+	std::string known;
+	for (const auto& [word, value] : words) {
+		if (text == word)
+			return value;
+		known += (known.empty() ? "" : ", ") + std::string(word);
+	}
+	return usage(fmt::format("{} does not know '{}'", option, text), "choose one of: " + known);
+}
+
+// ---- texts -------------------------------------------------------------------------------------------------------
+
+std::string version_text()
+{
+	return fmt::format("rt {} (revision {})\nnumeric contract {}\nkernels {}\n", RT_VERSION, RT_REVISION,
+	                   RT_CONTRACT_VERSION, kernel_hash());
+}
+
+constexpr const char* commands_text = "Commands (each has its own --help):\n"
+                                      "  render   render a scene to an image; the default, its name may be left out\n"
+                                      "  devices  list what rt can run on, what is missing, and how to get it\n"
+                                      "  info     what a scene contains and needs\n";
+
+constexpr const char* examples_text =
+    "Examples:\n"
+    "  rt                                      the default scene on the best device: three-spheres.png\n"
+    "  rt weekend --size 1200x675 --spp 100 -o weekend.png\n"
+    "  rt my.json -o my.exr -d 1               on device 1 of `rt devices`\n"
+    "  rt my.json --frames 0:23 -o film        film_000000000.png to film_000000023.png\n"
+    "  rt my.json --spp 4096 --checkpoint my.rtfilm -o my.png\n"
+    "  rt my.json --spp 4096 --resume my.rtfilm --checkpoint my.rtfilm -o my.png\n"
+    "  rt --pixel 320,240 --spp 1000 -o - | file -\n"
+    "\n"
+    "Exit status: 0 done; 1 failure; 2 usage; 3 no usable device; 4 self-test failed; 5 kernel\n"
+    "build failed; 6 out of memory; 7 input or output; 130 interrupted.";
+
+// ---- the parser --------------------------------------------------------------------------------------------------
+
+// CLI11 with this program's manners: what it does not know is kept for a message of our own.
+void set_manners(CLI::App& app, const char* name)
+{
+	app.name(name);
+	app.set_help_flag("-h,--help", "this text");
+	app.set_version_flag("--version", version_text, "version, revision, numeric contract, kernels");
+	app.allow_extras();
+	app.get_formatter()->column_width(32);
+	app.get_formatter()->label("OPTIONS", "options");
+	app.get_formatter()->label("Options", "Other");
+	app.get_formatter()->label("Positionals", "Scene");
+}
+
+Error unknown_argument(const CLI::App& app, const std::string& argument)
+{
+	const std::string help = app.get_name() + " --help lists what it takes";
+	if (argument.size() < 2 || argument[0] != '-')
+		return usage(fmt::format("'{}' is one argument too many", argument), help);
+	const std::string name = argument.substr(0, argument.find('='));
+	std::vector<std::string> known;
+	for (const CLI::Option* option : app.get_options())
+		for (const std::string& long_name : option->get_lnames())
+			known.push_back("--" + long_name);
+	const std::string nearest = closest_match(name, known);
+	return usage(fmt::format("there is no option '{}'", name),
+	             (nearest.empty() ? "" : "did you mean " + nearest + "? ") + help);
+}
+
+// Nothing when the options are to be used, or what to print instead.
+Result<std::optional<TextRequest>> parse(CLI::App& app, std::vector<std::string> arguments)
+{
+	std::reverse(arguments.begin(), arguments.end()); // CLI11 takes them from the back
+	try {
+		app.parse(std::move(arguments));
+	} catch (const CLI::CallForHelp&) {
+		return std::optional(TextRequest{app.help()});
+	} catch (const CLI::CallForVersion&) {
+		return std::optional(TextRequest{version_text()});
+	} catch (const CLI::ParseError& error) {
+		return usage(error.what(), app.get_name() + " --help lists what it takes");
+	}
+	if (const std::vector<std::string> extras = app.remaining(); !extras.empty())
+		return unknown_argument(app, extras.front());
+	return std::optional<TextRequest>();
+}
+
+// What was typed, before it is checked.
+struct RawRender {
+	std::string width, height, size, samples, seed, max_depth, frames, pixel, crop, transfer, exposure, precision,
+	    progress, lanes, checkpoint_seconds;
+	bool generic = false;
+};
+
+void add_image_options(CLI::App& app, RenderOptions& options, RawRender& raw)
+{
+	const RenderSettings defaults;
+	app.add_option("scene", options.scene,
+	               "a scene file, a shipped scene's name, or cloud-N;\n" + options.scene + " if none is named")
+	    ->type_name("");
+	const auto add = [&app](const char* name, std::string& value, const char* type, const std::string& text) {
+		app.add_option(name, value, text)->type_name(type)->group("Image");
+	};
+	add("--width", raw.width, "N", fmt::format("pixels a row ({} unless the scene says otherwise)", defaults.width));
+	add("--height", raw.height, "N", fmt::format("rows ({})", defaults.height));
+	add("--size", raw.size, "WxH", "both at once");
+	add("--samples,--spp", raw.samples, "N", fmt::format("samples a pixel ({})", defaults.samples));
+	add("--seed", raw.seed, "N", fmt::format("of the random numbers ({})", defaults.seed));
+	add("--max-depth", raw.max_depth, "N", fmt::format("scatterings after which a path ends ({})", defaults.max_depth));
+	add("--frames", raw.frames, "A:B", "frames A to B, both included, or one frame (0)");
+	add("--pixel", raw.pixel, "X,Y", "only this pixel, with the bits it has in the whole");
+	add("--crop", raw.crop, "X0,X1,Y0,Y1", "only columns X0 to X1 - 1 and rows Y0 to Y1 - 1");
+}
+
+void add_output_options(CLI::App& app, RenderOptions& options, RawRender& raw)
+{
+	const auto add = [&app](const char* name, std::string& value, const char* type, const std::string& text) {
+		app.add_option(name, value, text)->type_name(type)->group("Output");
+	};
+	add("-o,--output,--outfile", options.output, "FILE",
+	    ".png, .exr, .pfm or .rtfilm; without extension\nFILE_000000000.png, numbered by frame; - for\n"
+	    "PNG on standard output (SCENE.png)");
+	add("--transfer", raw.transfer, "NAME", "srgb, gamma2 or linear, for 8-bit files (srgb)");
+	add("--exposure", raw.exposure, "EV", "stops brighter or darker, for 8-bit files (0)");
+	add("--checkpoint", options.checkpoint, "FILE", "keep what has been rendered in this .rtfilm");
+	add("--checkpoint-every", raw.checkpoint_seconds, "S",
+	    fmt::format("seconds between checkpoints ({})", options.checkpoint_seconds));
+	add("--resume", options.resume, "FILE", "go on from this .rtfilm");
+	add("--stats", options.stats, "FILE", "times, rates and circumstances as JSON; - for\nstandard output");
+}
+
+void add_device_options(CLI::App& app, RenderOptions& options, RawRender& raw)
+{
+	const auto add = [&app](const char* name, std::string& value, const char* type, const std::string& text) {
+		app.add_option(name, value, text)->type_name(type)->group("Device");
+	};
+	add("--backend", options.device.backend, "NAME", "auto, cuda, opencl or reference (auto)");
+	add("-d,--device", options.device.device, "X",
+	    "index, part of a name, pci:... or uuid:...;\nseveral with commas share the work");
+	add("--precision", raw.precision, "NAME", "exact: the same bits on every device (exact)");
+	app.add_flag("--self-test", options.self_test_afresh, "test the device now, whatever is remembered")
+	    ->group("Device");
+	app.add_flag("--force-unverified", options.force_unverified,
+	             "use a device that fails its self-test; the image\nsays so")
+	    ->group("Device");
+	app.add_flag("--generic", raw.generic, "a kernel for all scenes, not for this one")->group("Device");
+	add("--lanes", raw.lanes, "N", "paths a work-item: 1, 4, 8 or 16 (the device's own)");
+}
+
+void add_report_options(CLI::App& app, RenderOptions& options, RawRender& raw)
+{
+	app.add_option("--progress", raw.progress, "auto (a bar on a terminal), plain, json or none")
+	    ->type_name("HOW")
+	    ->group("Progress");
+	app.add_flag("-q,--quiet", options.quiet, "no progress, no warnings; only the film's hash")->group("Progress");
+	app.add_flag("-v,--verbose", options.verbose, "device, kernel and scene in detail")->group("Progress");
+}
+
+Status check_size(const RawRender& raw, RenderOptions& options)
+{
+	const Range side = image_side;
+	if (!raw.size.empty()) {
+		if (!raw.width.empty() || !raw.height.empty())
+			return usage("--size and --width or --height say the same thing twice", "give one or the other");
+		const auto size = numbers_in<2>(raw.size, 'x', side);
+		if (!size)
+			return usage(fmt::format("--size takes WxH, each from {} to {}, not '{}'", side.min, side.max, raw.size),
+			             "two whole numbers with an x between: --size 1920x1080");
+		options.width = (*size)[0];
+		options.height = (*size)[1];
+	}
+	if (!raw.width.empty()) {
+		RT_TRY_ASSIGN(options.width, parse_number("--width", raw.width, side));
+	}
+	if (!raw.height.empty()) {
+		RT_TRY_ASSIGN(options.height, parse_number("--height", raw.height, side));
+	}
+	return success();
+}
+
+Status check_image(const RawRender& raw, RenderOptions& options)
+{
+	RT_TRY(check_size(raw, options));
+	if (!raw.samples.empty()) {
+		RT_TRY_ASSIGN(options.samples, parse_number("--samples", raw.samples, range_of(range::samples)));
+	}
+	if (!raw.seed.empty()) {
+		RT_TRY_ASSIGN(options.seed, parse_number("--seed", raw.seed, range_of(range::seed)));
+	}
+	if (!raw.max_depth.empty()) {
+		RT_TRY_ASSIGN(options.max_depth, parse_number("--max-depth", raw.max_depth, range_of(range::max_depth)));
+	}
+	if (!raw.frames.empty())
+		RT_TRY(parse_frames(raw.frames, options));
+	if (!raw.pixel.empty() && !raw.crop.empty())
+		return usage("--pixel and --crop exclude each other", "give one or the other");
+	if (!raw.pixel.empty()) {
+		RT_TRY_ASSIGN(options.window, parse_pixel(raw.pixel));
+	}
+	if (!raw.crop.empty()) {
+		RT_TRY_ASSIGN(options.window, parse_crop(raw.crop));
+	}
+	return success();
+}
+
+Status check_rest(const RawRender& raw, RenderOptions& options)
+{
+	RT_TRY_ASSIGN(
+	    options.display.transfer,
+	    parse_word<Transfer>("--transfer", raw.transfer,
+	                         {{"srgb", Transfer::Srgb}, {"gamma2", Transfer::Gamma2}, {"linear", Transfer::Linear}}));
+	RT_TRY_ASSIGN(options.display.exposure_stops, parse_exposure(raw.exposure));
+	if (raw.precision != "exact")
+		return usage(fmt::format("--precision '{}' is not in this version of rt", raw.precision),
+		             "the only precision so far is exact, the default");
+	RT_TRY_ASSIGN(options.progress, parse_word<ProgressMode>("--progress", raw.progress,
+	                                                         {{"auto", ProgressMode::Auto},
+	                                                          {"plain", ProgressMode::Plain},
+	                                                          {"json", ProgressMode::Json},
+	                                                          {"none", ProgressMode::None}}));
+	RT_TRY_ASSIGN(options.lanes, parse_word<std::uint32_t>("--lanes", raw.lanes,
+	                                                       {{"auto", 0}, {"1", 1}, {"4", 4}, {"8", 8}, {"16", 16}}));
+	if (!raw.checkpoint_seconds.empty()) {
+		RT_TRY_ASSIGN(options.checkpoint_seconds,
+		              parse_number("--checkpoint-every", raw.checkpoint_seconds, {1, 86400}));
+	}
+	options.specialise = !raw.generic;
+	if (options.quiet && options.verbose)
+		return usage("--quiet and --verbose exclude each other", "give one or the other");
+	if (options.quiet)
+		options.progress = ProgressMode::None;
+	return success();
+}
+
+// Options that are right one by one and wrong together.
+Status check_together(const RenderOptions& options)
+{
+	if (options.frame_count() > 1) {
+		if (options.output == "-")
+			return usage("several frames cannot go to standard output", "name a file: --output film.png");
+		if (!options.checkpoint.empty() || !options.resume.empty())
+			return usage("--checkpoint and --resume are for one frame", "render the frames one by one: --frames 7");
+	}
+	if (options.output == "-" && options.stats == "-")
+		return usage("the image and the statistics cannot both go to standard output", "name a file for one of them");
+	for (const std::string* file : {&options.checkpoint, &options.resume})
+		if (*file == "-")
+			return usage("a checkpoint cannot go through standard input or output",
+			             "name a file: --checkpoint my.rtfilm");
+	return success();
+}
+
+Result<CommandLine> parse_render(std::vector<std::string> arguments, bool named)
+{
+	RenderOptions options;
+	RawRender raw;
+	raw.transfer = "srgb";
+	raw.exposure = "0";
+	raw.precision = "exact";
+	raw.progress = "auto";
+	raw.lanes = "auto";
+	CLI::App app("Path tracer for spheres: same scene, same seed, same image, bit for bit, on every device.");
+	set_manners(app, named ? "rt render" : "rt");
+	add_image_options(app, options, raw);
+	add_output_options(app, options, raw);
+	add_device_options(app, options, raw);
+	add_report_options(app, options, raw);
+	app.footer(named ? examples_text : std::string(commands_text) + "\n" + examples_text);
+	RT_TRY_ASSIGN(const auto text, parse(app, std::move(arguments)));
+	if (text)
+		return CommandLine(*text);
+	for (const CLI::Option* option : app.get_options())
+		if (option->get_type_size() > 0 && option->count() > 0 && option->results().back().empty())
+			return usage(option->get_name() + " has an empty value", "leave it out or give it a value");
+	RT_TRY(check_image(raw, options));
+	RT_TRY(check_rest(raw, options));
+	RT_TRY(check_together(options));
+	return CommandLine(std::move(options));
+}
+
+Result<CommandLine> parse_devices(std::vector<std::string> arguments)
+{
+	DevicesOptions options;
+	CLI::App app("Every device of every backend, what is missing, and which package brings it.");
+	set_manners(app, "rt devices");
+	app.add_flag("-v,--verbose", options.verbose,
+	             "test each device and tell all that is known of it,\nand the environment");
+	app.add_flag("--json", options.json, "for programs");
+	app.add_flag("--self-test", options.self_test_afresh, "with -v: test now, whatever is remembered");
+	app.footer("Exit status: 0 if there is a usable device, 3 otherwise.");
+	RT_TRY_ASSIGN(const auto text, parse(app, std::move(arguments)));
+	if (text)
+		return CommandLine(*text);
+	return CommandLine(options);
+}
+
+Result<CommandLine> parse_info(std::vector<std::string> arguments)
+{
+	InfoOptions options;
+	CLI::App app("What a scene contains, which features of the kernel it needs, and how much memory.");
+	set_manners(app, "rt info");
+	app.add_option("scene", options.scene, "a scene file, a shipped scene's name, or cloud-N")->type_name("");
+	app.add_flag("--json", options.json, "for programs");
+	RT_TRY_ASSIGN(const auto text, parse(app, std::move(arguments)));
+	if (text)
+		return CommandLine(*text);
+	if (options.scene.empty())
+		return usage("rt info needs a scene", "name a file or a shipped scene: rt info three-spheres");
+	return CommandLine(std::move(options));
+}
+
+} // namespace
+
+RenderSettings RenderOptions::settings_over(const RenderSettings& scene_settings) const
+{
+	RenderSettings settings = scene_settings;
+	settings.width = width.value_or(settings.width);
+	settings.height = height.value_or(settings.height);
+	settings.samples = samples.value_or(settings.samples);
+	settings.seed = seed.value_or(settings.seed);
+	settings.max_depth = max_depth.value_or(settings.max_depth);
+	return settings;
+}
+
+Result<CommandLine> parse_command_line(int argc, const char* const* argv)
+{
+	std::vector<std::string> arguments(argv + std::min(argc, 1), argv + argc);
+	const std::string command = arguments.empty() ? "" : arguments.front();
+	const auto rest = [&arguments] { return std::vector<std::string>(arguments.begin() + 1, arguments.end()); };
+	if (command == "render")
+		return parse_render(rest(), true);
+	if (command == "devices")
+		return parse_devices(rest());
+	if (command == "info")
+		return parse_info(rest());
+	if (command == "help")
+		return parse_render({"--help"}, false);
+	return parse_render(std::move(arguments), false);
+}
+
+} // namespace rt

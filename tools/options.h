@@ -1,0 +1,68 @@
+// options.h: the command line, read and checked.
+//
+// Everything a user types is checked here and ends as one Usage error that names the option, the value and what would
+// be right. An option that was not given stays empty: its default is the scene's (RenderSettings) or the renderer's.
+#pragma once
+
+#include "backends/registry.h"
+#include "render/display.h"
+#include "render/film.h"
+#include "render/scene.h"
+#include "support/result.h"
+#include "tools/progress.h"
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <variant>
+
+namespace rt {
+
+// Frame numbers fill nine digits of a file's name.
+constexpr std::uint32_t max_frame = 999999999;
+
+struct RenderOptions {
+	std::string scene = "three-spheres";
+	std::optional<std::uint32_t> width, height, samples, seed, max_depth;
+	std::uint32_t first_frame = 0, last_frame = 0; // inclusive
+	std::optional<Window> window;                  // of --crop or --pixel; the whole image otherwise
+
+	std::string output; // empty: SCENE.png
+	DisplaySettings display;
+	std::string checkpoint, resume;
+	std::uint32_t checkpoint_seconds = 60;
+
+	DeviceRequest device;
+	bool specialise = true;
+	std::uint32_t lanes = 0;
+	bool self_test_afresh = false;
+	bool force_unverified = false;
+
+	ProgressMode progress = ProgressMode::Auto;
+	bool quiet = false, verbose = false;
+	std::string stats;
+
+	std::uint32_t frame_count() const { return last_frame - first_frame + 1; }
+	// The scene's settings with those of the command line on top.
+	RenderSettings settings_over(const RenderSettings& scene_settings) const;
+};
+
+struct DevicesOptions {
+	bool verbose = false, json = false, self_test_afresh = false;
+};
+
+struct InfoOptions {
+	std::string scene;
+	bool json = false;
+};
+
+// --help and --version: text for standard output, and nothing else to do.
+struct TextRequest {
+	std::string text;
+};
+
+using CommandLine = std::variant<RenderOptions, DevicesOptions, InfoOptions, TextRequest>;
+
+Result<CommandLine> parse_command_line(int argc, const char* const* argv);
+
+} // namespace rt

@@ -1,0 +1,68 @@
+// rt: the command line. The only part of the project that prints or exits.
+//
+// Each command returns a Status; its error is printed once, here, and its kind is the exit status.
+#include "tools/command_devices.h"
+#include "tools/command_info.h"
+#include "tools/command_render.h"
+#include "tools/options.h"
+#include "tools/report.h"
+
+#include <exception>
+#include <new>
+#include <string>
+#include <variant>
+
+namespace {
+
+rt::Status run_command(const rt::RenderOptions& options)
+{
+	return rt::run_render(options);
+}
+
+rt::Status run_command(const rt::DevicesOptions& options)
+{
+	return rt::run_devices(options);
+}
+
+rt::Status run_command(const rt::InfoOptions& options)
+{
+	return rt::run_info(options);
+}
+
+rt::Status run_command(const rt::TextRequest& request)
+{
+	rt::print_result(request.text);
+	return rt::success();
+}
+
+rt::Status run(int argc, const char* const* argv)
+{
+	RT_TRY_ASSIGN(const rt::CommandLine command_line, rt::parse_command_line(argc, argv));
+	RT_TRY(std::visit([](const auto& options) { return run_command(options); }, command_line));
+	return rt::flush_results();
+}
+
+rt::Error unexpected(const char* what)
+{
+	return rt::Error{rt::ErrorKind::Failure, std::string("an exception that nothing expected: ") + what, "",
+	                 "this is a bug of rt; please report it with the command line and the output of `rt devices -v`",
+	                 ""};
+}
+
+} // namespace
+
+int main(int argc, char** argv)
+{
+	try {
+		const rt::Status status = run(argc, argv);
+		return status ? 0 : rt::report_error(status.error());
+	} catch (const std::bad_alloc&) {
+		return rt::report_error({rt::ErrorKind::Memory, "the machine's memory does not suffice", "",
+		                         "render a smaller image, a part of it with --crop, or a scene with fewer spheres",
+		                         ""});
+	} catch (const std::exception& exception) {
+		return rt::report_error(unexpected(exception.what()));
+	} catch (...) {
+		return rt::report_error(unexpected("of no known type"));
+	}
+}

@@ -12,6 +12,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <cstdlib>
 #include <memory>
 #include <string>
 #include <utility>
@@ -80,6 +81,15 @@ struct ProgramSpec {
 	std::vector<std::pair<std::string, std::string>> defines; // emitted as #define lines above the text
 	std::vector<std::string> entries;                         // kernel functions that will be launched
 };
+
+// The value of an integer define ("0x1fu", "8"), or `fallback` where the spec has none of that name.
+inline std::uint32_t integer_define(const ProgramSpec& spec, const std::string& name, std::uint32_t fallback)
+{
+	for (const auto& [key, value] : spec.defines)
+		if (key == name)
+			return static_cast<std::uint32_t>(std::strtoul(value.c_str(), nullptr, 0));
+	return fallback;
+}
 
 struct BuildReport {
 	double seconds = 0;     // wall time of build(), compilation and loading

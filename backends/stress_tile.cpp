@@ -7,7 +7,7 @@
 
 namespace rt {
 
-const char* const stress_tile_hash = "8715a6d461cba5e6d80b65c1d9fad687";
+const char* const stress_tile_hash = "1ac3402947ca414b9b8858594dce44fc";
 
 namespace {
 

@@ -39,6 +39,12 @@
 #define RT_DEF_NATIVE_ROOTS 1
 #endif
 
+/* 1 lets the compiler fuse products and sums. No kernel gives it anything to fuse (contract rule 3), which tests show by
+ * setting it: OpenCL takes it from here, the other backends turn it into a compiler flag. */
+#ifndef RT_DEF_CONTRACT
+#define RT_DEF_CONTRACT 0
+#endif
+
 /* 1 where the OpenCL compiler takes inline PTX, which the backend finds out by trying. */
 #ifndef RT_DEF_PTX
 #define RT_DEF_PTX 0
@@ -48,7 +54,11 @@
 
 #if defined(RT_TARGET_OPENCL)
 
+#if RT_DEF_CONTRACT
+#pragma OPENCL FP_CONTRACT ON
+#else
 #pragma OPENCL FP_CONTRACT OFF
+#endif
 #define RT_FN static inline
 #define RT_KERNEL(name) __kernel void name
 #define RT_GLOBAL __global

@@ -18,6 +18,7 @@ RT_FN rt_ray rt_camera_ray(RT_GLOBAL const rt_scene* RT_RESTRICT scene, rt_float
 
 	ray.base = v3_splat(0.0f, 0.0f, 0.0f);
 	ray.arm = ray.base;
+	ray.reach = rt_splat(1.0f);
 #if RT_HAS(RT_FEATURE_DEFOCUS)
 	/* A uniform point of the lens. */
 	rt_float sine, cosine;

@@ -60,11 +60,12 @@ RT_FN rt_film_sum rt_film_add(RT_GLOBAL const rt_scene* RT_RESTRICT scene, rt_fi
 	return sum;
 }
 
-/* The integer that `samples` additions to a channel of one lane make. */
+/* The integer that `samples` additions to a channel of one lane make. The high sum is never negative and may need all 32
+ * bits: 2^21 for each of 2^10 samples at the limit. */
 RT_FN rt_i64 rt_channel_total(rt_u32 high, rt_u32 low, rt_u32 samples)
 {
 	rt_u32 bias = samples * RT_FILM_MAGIC_BITS;
-	return (rt_i64)(rt_i32)(high - bias) * 1048576 + (rt_i64)(rt_i32)(low - bias);
+	return (rt_i64)(high - bias) * 1048576 + (rt_i64)(rt_i32)(low - bias);
 }
 
 #endif

@@ -49,7 +49,7 @@ RT_FN rt_vec3 rt_scatter_lambertian(rt_disc_sample p, rt_vec3 n)
 /* Mirror direction plus fuzz times a uniform point of the unit sphere; not normalised. */
 RT_FN rt_vec3 rt_scatter_metal(rt_disc_sample p, rt_float u, rt_float fuzz, rt_vec3 mirrored)
 {
-	rt_float ring = p.s * p.q * 2.0f;
+	rt_float ring = (p.s + p.s) * p.q; /* not s q 2, which a compiler may turn into s q + s q and fuse */
 	return v3_fma(fuzz, v3(ring * p.cosine, ring * p.sine, rt_fma(u, rt_splat(-2.0f), rt_splat(1.0f))), mirrored);
 }
 

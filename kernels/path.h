@@ -51,6 +51,7 @@ RT_FN rt_ray rt_ray_sel(rt_mask mask, rt_ray yes, rt_ray no)
 	rt_ray ray;
 	ray.base = v3_sel(mask, yes.base, no.base);
 	ray.arm = v3_sel(mask, yes.arm, no.arm);
+	ray.reach = rt_sel(mask, yes.reach, no.reach);
 	ray.dir = v3_sel(mask, yes.dir, no.dir);
 	ray.from = rt_sel(mask, yes.from, no.from);
 	ray.chord = rt_sel(mask, yes.chord, no.chord);
@@ -184,6 +185,7 @@ RT_FN rt_mask rt_path_scatter(rt_scene_view view, RT_PRIVATE rt_path* path, rt_h
 	rt_ray leaving;
 	leaving.base = surface.base;
 	leaving.arm = surface.arm;
+	leaving.reach = surface.reach;
 	leaving.dir = direction;
 	leaving.from = index;
 	leaving.chord = rt_sel(inward, surface.radius * v3_dot(surface.normal, direction) * -2.0f, rt_splat(-1.0f));

@@ -21,6 +21,7 @@
 #define RT_PROBE_SINCOS 13u
 #define RT_PROBE_ATAN2 14u
 #define RT_PROBE_RANDOM 15u    /* first and last of rt_random(a fixed seed, pixel a, sample b, block c) */
+#define RT_PROBE_BARE 17u /* a * b + c as no kernel writes it: shows whether the compiler fuses. Not asked by the self-test */
 #define RT_PROBE_FILM 16u      /* radiance to integer: rt_channel_add and rt_channel_total with scale 2^40 */
 
 /* One 32x32->64 product or 64-bit sum a lane: scalars, as in rt_channel_total. */
@@ -61,6 +62,8 @@ RT_KERNEL(rt_probe)(RT_GLOBAL const rt_u32* RT_RESTRICT as, RT_GLOBAL const rt_u
 		first = a * b;
 	else if (operation == RT_PROBE_FMA)
 		first = rt_fma(a, b, c);
+	else if (operation == RT_PROBE_BARE)
+		first = a * b + c; /* int */ /* it is not: the one product that feeds a bare +, on purpose */
 	else if (operation == RT_PROBE_ROOT)
 		first = rt_sqrt(a);
 	else if (operation == RT_PROBE_RECIPROCAL)

@@ -1,7 +1,7 @@
 /* sphere.h: rays, and where they meet spheres.
  *
- * A ray's origin is an unevaluated sum base + arm: base is the centre of the sphere it leaves (or the camera, 0), arm
- * goes from there to the point. Differences of centres are then formed before anything small is added to them.
+ * A ray's origin is kept as base + reach arm: the centre, radius and unit normal of the sphere it leaves (or the camera,
+ * 1 and a point of the lens). Differences of centres are then formed before anything small is added to them, by one fma.
  *
  * There is no epsilon. A ray that leaves a sphere outward skips that sphere; one that leaves inward can meet of it only
  * the far point, at t = -2 r (n . d), its chord (contract rule 10). All tests are written so that NaN means miss.
@@ -22,11 +22,15 @@
 #include "kernels/vec.h"
 
 typedef struct rt_ray {
-	rt_vec3 base, arm; /* origin = base + arm */
-	rt_vec3 dir;       /* unit */
-	rt_int from;       /* storage index of the sphere that it leaves, or -1 */
-	rt_float chord;    /* distance to the far side of that sphere if it leaves inward, else -1 */
+	rt_vec3 base, arm; /* origin = base + reach arm */
+	rt_float reach;
+	rt_vec3 dir;    /* unit */
+	rt_int from;    /* storage index of the sphere that it leaves, or -1 */
+	rt_float chord; /* distance to the far side of that sphere if it leaves inward, else -1 */
 } rt_ray;
+
+/* The origin as one rounded point: relative to the camera it has an error of half an ulp. */
+RT_FN rt_vec3 rt_ray_origin(rt_ray ray) { return v3_fma(ray.reach, ray.arm, ray.base); }
 
 typedef struct rt_hit {
 	rt_float t;
@@ -47,7 +51,7 @@ typedef struct rt_foot {
 RT_FN rt_foot rt_sphere_foot(rt_vec3 center, rt_ray ray)
 {
 	rt_foot f;
-	f.m = v3_sub(v3_sub(center, ray.base), ray.arm);
+	f.m = v3_fma(-ray.reach, ray.arm, v3_sub(center, ray.base));
 	f.b = v3_dot(f.m, ray.dir);
 	f.l = v3_fma(-f.b, ray.dir, f.m);
 	f.b2 = v3_dot(f.l, ray.dir);
@@ -75,7 +79,7 @@ RT_FN rt_float rt_sphere_distance(rt_vec3 center, rt_float radius, rt_ray ray, r
 }
 
 #if RT_HAS(RT_FEATURE_WIDE)
-/* The same for a wide sphere. origin = base + arm, origin_square its square. */
+/* The same for a wide sphere. origin is the ray's, origin_square its square. */
 RT_FN rt_float rt_wide_distance(rt_vec3 center, rt_float radius, rt_float c0_high, rt_float c0_low, rt_ray ray,
                                 rt_vec3 origin, rt_float origin_square, rt_mask is_from, RT_PRIVATE rt_mask* met)
 {
@@ -132,7 +136,7 @@ RT_FN rt_hit rt_closest_hit(RT_GLOBAL const rt_scene* RT_RESTRICT scene, RT_GLOB
 #endif
 
 #if RT_HAS(RT_FEATURE_WIDE)
-	rt_vec3 origin = v3_add(ray.base, ray.arm);
+	rt_vec3 origin = rt_ray_origin(ray);
 	rt_float origin_square = v3_dot(origin, origin);
 	for (; i < RT_WIDE_COUNT(scene); ++i) {
 		rt_mask met;
@@ -153,8 +157,9 @@ RT_FN rt_hit rt_closest_hit(RT_GLOBAL const rt_scene* RT_RESTRICT scene, RT_GLOB
 
 /* The point of a sphere that a ray met. */
 typedef struct rt_surface {
-	rt_vec3 base, arm; /* point = base + arm */
-	rt_vec3 normal;    /* outward, unit */
+	rt_vec3 base, arm; /* point = base + reach arm */
+	rt_float reach;
+	rt_vec3 normal; /* outward, unit */
 	rt_float radius;
 } rt_surface;
 
@@ -180,17 +185,19 @@ RT_FN rt_surface rt_sphere_surface(RT_GLOBAL const rt_scene* RT_RESTRICT scene,
 	rt_mask use_direct = ray.from == index;
 #if RT_HAS(RT_FEATURE_WIDE)
 	/* On a wide sphere near the camera the ray's own point is finer than steps of ulp(radius). */
-	rt_vec3 point = v3_fma(t, ray.dir, v3_add(ray.base, ray.arm));
+	rt_vec3 point = v3_fma(t, ray.dir, rt_ray_origin(ray));
 	rt_mask near_camera = (index < rt_splat_i((rt_i32)RT_WIDE_COUNT(scene))) & (v3_dot(point, point) < s.radius * s.radius);
 	use_direct = use_direct | near_camera;
 #endif
 	from_center = v3_sel(use_direct, direct, from_center);
 	s.normal = v3_normalize(from_center, v3_negate(ray.dir));
 	s.base = center;
-	s.arm = v3_scale(s.radius, s.normal);
+	s.arm = s.normal;
+	s.reach = s.radius;
 #if RT_HAS(RT_FEATURE_WIDE)
 	s.base = v3_sel(near_camera, v3_splat(0.0f, 0.0f, 0.0f), s.base);
 	s.arm = v3_sel(near_camera, point, s.arm);
+	s.reach = rt_sel(near_camera, rt_splat(1.0f), s.reach);
 #endif
 	return s;
 }

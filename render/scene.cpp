@@ -81,18 +81,47 @@ T value_at(const std::vector<Keyframe<T>>& keys, double frame)
 
 // --- hashing: a canonical byte form, the same on every machine ---
 
-void add_double(Hasher& hasher, double value)
-{
-	std::uint64_t bits;
-	std::memcpy(&bits, &value, sizeof bits);
-	hasher.add_u64(bits);
-}
+// Gathers values as little-endian bytes and hashes them in blocks: clouds have tens of millions of values.
+class SceneHasher {
+public:
+	void u32(std::uint32_t value) { bytes(value, 4); }
+	void u64(std::uint64_t value) { bytes(value, 8); }
+	void number(double value)
+	{
+		std::uint64_t bits;
+		std::memcpy(&bits, &value, sizeof bits);
+		u64(bits);
+	}
+	void vector(const Vec3d& v)
+	{
+		for (const double x : v)
+			number(x);
+	}
+	Hash128 result()
+	{
+		flush();
+		return hasher_.result();
+	}
 
-void add_vec3(Hasher& hasher, const Vec3d& v)
-{
-	for (const double x : v)
-		add_double(hasher, x);
-}
+private:
+	void bytes(std::uint64_t value, std::size_t count)
+	{
+		for (std::size_t i = 0; i < count; ++i)
+			block_[used_++] = static_cast<unsigned char>(value >> (8 * i));
+		if (used_ > block_.size() - 8)
+			flush();
+	}
+
+	void flush()
+	{
+		hasher_.add(block_.data(), used_);
+		used_ = 0;
+	}
+
+	std::array<unsigned char, 16384> block_;
+	std::size_t used_ = 0;
+	Hasher hasher_;
+};
 
 } // namespace
 
@@ -166,47 +195,47 @@ Result<Scene> SceneFile::at_frame(double frame) const
 void update_scene_hash(Scene& scene)
 {
 	// Names and paths are left out: they cannot reach a pixel, and a path differs from machine to machine.
-	Hasher hasher;
-	hasher.add_u32(1); // version of this form
-	add_vec3(hasher, scene.camera.from);
-	add_vec3(hasher, scene.camera.at);
-	add_vec3(hasher, scene.camera.up);
-	add_double(hasher, scene.camera.vfov);
-	add_double(hasher, scene.camera.aperture);
-	add_double(hasher, scene.camera.focus);
+	SceneHasher hasher;
+	hasher.u32(1); // version of this form
+	hasher.vector(scene.camera.from);
+	hasher.vector(scene.camera.at);
+	hasher.vector(scene.camera.up);
+	hasher.number(scene.camera.vfov);
+	hasher.number(scene.camera.aperture);
+	hasher.number(scene.camera.focus);
 
-	hasher.add_u32(static_cast<std::uint32_t>(scene.sky.kind));
-	add_vec3(hasher, scene.sky.bottom);
-	add_vec3(hasher, scene.sky.top);
+	hasher.u32(static_cast<std::uint32_t>(scene.sky.kind));
+	hasher.vector(scene.sky.bottom);
+	hasher.vector(scene.sky.top);
 
-	hasher.add_u64(scene.textures.size());
+	hasher.u64(scene.textures.size());
 	for (const Texture& texture : scene.textures) {
-		hasher.add_u32(static_cast<std::uint32_t>(texture.kind));
-		add_double(hasher, texture.size);
-		add_vec3(hasher, texture.even);
-		add_vec3(hasher, texture.odd);
-		hasher.add_u32(texture.width);
-		hasher.add_u32(texture.height);
-		hasher.add_u64(texture.texels.size());
+		hasher.u32(static_cast<std::uint32_t>(texture.kind));
+		hasher.number(texture.size);
+		hasher.vector(texture.even);
+		hasher.vector(texture.odd);
+		hasher.u32(texture.width);
+		hasher.u32(texture.height);
+		hasher.u64(texture.texels.size());
 		for (const std::uint32_t texel : texture.texels)
-			hasher.add_u32(texel);
+			hasher.u32(texel);
 	}
 
-	hasher.add_u64(scene.materials.size());
+	hasher.u64(scene.materials.size());
 	for (const Material& material : scene.materials) {
-		hasher.add_u32(static_cast<std::uint32_t>(material.kind));
-		add_vec3(hasher, material.albedo);
-		add_vec3(hasher, material.emission);
-		add_double(hasher, material.fuzz);
-		add_double(hasher, material.ior);
-		hasher.add_u32(static_cast<std::uint32_t>(material.texture));
+		hasher.u32(static_cast<std::uint32_t>(material.kind));
+		hasher.vector(material.albedo);
+		hasher.vector(material.emission);
+		hasher.number(material.fuzz);
+		hasher.number(material.ior);
+		hasher.u32(static_cast<std::uint32_t>(material.texture));
 	}
 
-	hasher.add_u64(scene.spheres.size());
+	hasher.u64(scene.spheres.size());
 	for (const Sphere& sphere : scene.spheres) {
-		add_vec3(hasher, sphere.center);
-		add_double(hasher, sphere.radius);
-		hasher.add_u32(sphere.material);
+		hasher.vector(sphere.center);
+		hasher.number(sphere.radius);
+		hasher.u32(sphere.material);
 	}
 	scene.hash = hasher.result();
 }

@@ -375,6 +375,8 @@ ProgramSpec render_program(const PackedScene& packed, const DeviceInfo& device, 
 	spec.defines.emplace_back("RT_LANES", fmt::format("{}", options.lanes ? options.lanes : device.native_lanes));
 	spec.defines.emplace_back("RT_FEATURES", fmt::format("{:#x}u", features));
 	spec.defines.emplace_back("RT_DEF_NATIVE_ROOTS", options.software_roots || device.hardware_seeds ? "0" : "1");
+	if (options.allow_contraction)
+		spec.defines.emplace_back("RT_DEF_CONTRACT", "1");
 	if (options.specialise && !permuted && packed.spheres.size() <= max_unrolled_spheres) {
 		spec.defines.emplace_back("RT_DEF_SPHERE_COUNT", fmt::format("{}", packed.spheres.size()));
 		spec.defines.emplace_back("RT_DEF_WIDE_COUNT", fmt::format("{}", packed.wide.size()));

@@ -29,6 +29,7 @@ struct SessionOptions {
 	std::uint32_t samples = 1;
 	bool specialise = true;      // compile for the scene's features and sphere count; false: the generic program
 	bool software_roots = false; // our own square root and reciprocal even where the device's are proven
+	bool allow_contraction = false; // the compiler may fuse products and sums; it finds none (tests of rule 3)
 	std::uint32_t lanes = 0;     // 0: the device's native width
 	std::uint32_t group_size = 0;       // 0: the backend's choice
 	std::uint32_t rows_per_launch = 0;  // 0: chosen by time

@@ -156,7 +156,7 @@ private:
 		for (std::size_t i = 0; i < found_.devices.size(); i++) {
 			const DeviceInfo& device = found_.devices[i];
 			rows.push_back({std::to_string(i), best_ == i ? "*" : "", device.backend, kind_name(device.kind),
-			                device.name, device.driver, format_bytes(device.memory_bytes),
+			                device.name, short_version(device.driver), format_bytes(device.memory_bytes),
 			                std::to_string(device.native_lanes),
 			                options_.verbose ? outcome(i)
 			                : device.usable  ? "yes"
@@ -164,6 +164,9 @@ private:
 		}
 		return format_table(rows);
 	}
+
+	// Some drivers tell half their configuration in brackets; -v shows it.
+	static std::string short_version(const std::string& driver) { return driver.substr(0, driver.find(" (")); }
 
 	std::string outcome(std::size_t i) const
 	{

@@ -181,10 +181,15 @@ private:
 			take_unverified(info, report->first_failure());
 			return success();
 		}
-		std::string failures;
+		std::string failures; // all of them, where the message does not say it all
+		unsigned count = 0;
 		for (const SelfTestItem& item : report->items)
-			if (!item.passed && item.required)
+			if (!item.passed && item.required) {
 				failures += fmt::format("{}: {}\n", item.name, item.detail);
+				count++;
+			}
+		if (count == 1)
+			failures.clear();
 		return Error{ErrorKind::SelfTest,
 		             fmt::format("{} does not keep the numeric contract: {}", info.name, report->first_failure()),
 		             fmt::format("self-test of {}, driver {}", describe(info), info.driver),

@@ -8,11 +8,13 @@ Two passes:
 text      Names, types, literals and preprocessor conditions that the language does not have, and sums with a
           product as a term: `a * b + c`, `c - (a * b)`, `s += a * b`. Integer expressions are told apart by their
           declarations; where that fails, the comment /* int */ on the line says that the expression is integer.
+          It does not help where a float is in sight.
 compiled  clang++ compiles the entry points for the host, everything inlined, contraction off. In what it makes, no
           product may reach an operand of a float addition or subtraction, not through variables, structs, functions,
           selections or loops either; there is no double, and no library function but fma and sqrt. Needs clang++.
 
-A product by a power of two is exact, so fusing it changes nothing: both passes let it be.
+A product by a power of two is exact, so fusing it changes nothing: both passes let it be. The comment /* bare */ on a
+line says that its product feeds a bare + or - on purpose (a probe that asks what a compiler makes of it).
 
 --self-test plants faults that each pass must find, and look-alikes that it must not.
 Exit status: 0 clean, 1 findings, 2 the lint itself could not run.
@@ -90,14 +92,15 @@ class Finding:
 
 
 def strip_comments(text):
-    """The text without comments, lines kept; and the numbers of the lines that carry the marker int."""
-    marked = set()
+    """The text without comments, lines kept; and the numbers of the lines that carry each marker."""
+    marked = {"int": set(), "bare": set()}
 
     def blank(match):
         if match.group(0)[0] in "\"'":
             return match.group(0)
-        if re.fullmatch(r"/\*\s*int\s*\*/", match.group(0)):
-            marked.add(text.count("\n", 0, match.start()) + 1)
+        marker = re.fullmatch(r"/\*\s*(int|bare)\b.*\*/", match.group(0))
+        if marker:
+            marked[marker.group(1)].add(text.count("\n", 0, match.start()) + 1)
         return " " + "\n" * match.group(0).count("\n")
 
     return re.sub(r'//[^\n]*|/\*.*?\*/|"(?:[^"\\\n]|\\.)*"', blank, text, flags=re.S), marked
@@ -393,7 +396,8 @@ class SumCheck:
             if star is None:
                 continue
             kinds = self.kinds(part) | (self.kinds(left) if compound else set())
-            if kinds == {"int"} or star.line in self.source.marked:
+            marked = self.source.marked
+            if kinds == {"int"} or star.line in marked["bare"] or (star.line in marked["int"] and "float" not in kinds):
                 continue
             why = "" if "float" in kinds else " (if it is integer, say so: /* int */)"
             self.findings.append(
@@ -626,9 +630,15 @@ def products_behind(body, name, seen):
     return found
 
 
-def check_module(text):
+def check_module(text, root):
     module = Module(text)
-    findings = {}
+    findings, bare = {}, {}
+
+    def on_purpose(path, line):
+        if path not in bare:
+            source = root / path
+            bare[path] = strip_comments(source.read_text())[1]["bare"] if source.is_file() else set()
+        return line in bare[path]
 
     def report(operands, message):
         places = module.places(operands)
@@ -641,6 +651,8 @@ def check_module(text):
             if operation in ("fadd", "fsub"):
                 for operand in re.findall(r"%[\w.]+", operands.split(", !dbg")[0]):
                     for product in products_behind(body, operand, set()):
+                        if on_purpose(*module.places(operands)[0]):
+                            continue
                         origin = describe(module.places(body[product][1]))
                         report(operands, f"a product feeds a bare + or - (rule 3): {origin}")
             if operation in ("fadd", "fsub", "fmul", "fdiv", "frem", "fpext") and "double" in operands:
@@ -692,7 +704,7 @@ def check_compiled(clang, root):
         text, count = compile_host(clang, root, unit, defines)
         if count == 0:
             raise RuntimeError("no entry point (RT_KERNEL) in kernels/*.cl")
-        for finding in check_module(text):
+        for finding in check_module(text, root):
             findings.setdefault(str(finding), finding)
     return sorted(findings.values(), key=lambda f: (f.path, f.line)), len(variants)
 
@@ -711,6 +723,7 @@ TEXT_FAULTS = {
     "product in a macro": "#define LERP(a, b, t) ((a) + (t) * ((b) - (a)))",
     "product with an index": "RT_FN rt_float f(RT_GLOBAL const float* a, rt_u32 i) { return a[i] * a[i + 1u] + a[0]; }",
     "int factor, float sum": "RT_FN rt_float f(rt_float a, rt_u32 i) { return rt_to_float(i * 3u) * a + a; }",
+    "marker int on floats": "RT_FN rt_float f(rt_float a) { return a * a + a; /* int */ }",
     "pow": "RT_FN rt_float f(rt_float a) { return pow(a, a); }",
     "native_sqrt": "RT_FN rt_float f(rt_float a) { return native_sqrt(a); }",
     "fma by its bare name": "RT_FN rt_float f(rt_float a) { return fma(a, a, a); }",
@@ -738,6 +751,7 @@ TEXT_CLEAN = {
     "integer fields": "typedef struct t { rt_u32 width; } t;\nRT_FN rt_u32 f(t a, rt_u32 y) { return y * a.width + 1u; }",
     "integer cast": "RT_FN rt_i64 f(rt_u32 a, rt_u32 b) { return (rt_i64)(rt_i32)a * 1048576 + (rt_i64)(rt_i32)b; }",
     "marker": "RT_FN rt_u32 f(rt_u32 a) { return g(a) * 3u + 1u; /* int */ }\n#define g(a) (a)",
+    "on purpose": "RT_FN rt_float f(rt_float a) { return a * a + a; /* bare: a canary */ }",
     "power of two": "RT_FN rt_float f(rt_float a) { return a * 0.5f + 1.0f; }",
     "explicit fma": "RT_FN rt_float f(rt_float a, rt_float b) { return rt_fma(a, b, a) - b; }",
     "product alone": "RT_FN rt_float f(rt_float a, rt_float b) { return -a * (b + a) * b; }",
@@ -769,6 +783,7 @@ COMPILED_FAULTS = {
 COMPILED_CLEAN = {
     "fma": ("", "out[0] = rt_fma(a, b, c) + a;"),
     "power of two": ("", "out[0] = a * 0x1p-24f + c;"),
+    "on purpose": ("", "out[0] = a * b + c; /* bare */"),
     "integers": ("", "out[0] = rt_to_float(rt_to_int(rt_bits(a) * 3u + n));"),
     "product alone": ("", "out[0] = a * b; out[1] = (a + c) * b; out[2] = rt_fma(a, b, a * c);"),
 }
@@ -793,7 +808,7 @@ def self_test(clang):
                     (root / "kernels").mkdir()
                     shutil.copy(ROOT / COMPAT, root / COMPAT)
                     (root / "kernels/planted.cl").write_text(COMPILED_PRELUDE + before + COMPILED_KERNEL % code)
-                    findings = check_module(compile_host(clang, root, ["kernels/planted.cl"], [])[0])
+                    findings = check_module(compile_host(clang, root, ["kernels/planted.cl"], [])[0], root)
                 if bool(findings) != wanted:
                     failures.append(f"compiled, {name}: {'not found' if wanted else findings[0]}")
     for failure in failures:

@@ -30,7 +30,7 @@ void PhaseTimes::end()
 	if (known != phases_.end())
 		known->second += seconds;
 	else
-		phases_.emplace_back(current_, seconds);
+		phases_.push_back({current_, seconds});
 	current_.clear();
 }
 

@@ -152,6 +152,8 @@ std::string format_seconds(double seconds)
 {
 	if (!std::isfinite(seconds) || seconds < 0)
 		return "?";
+	if (seconds < 0.0995)
+		return fmt::format("{:.{}f} ms", seconds * 1e3, seconds < 0.00995 ? 2 : 1);
 	if (seconds < 59.95)
 		return fmt::format("{:.{}f} s", seconds, seconds < 9.995 ? 2 : 1);
 	const auto whole = static_cast<std::uint64_t>(std::min(seconds + 0.5, 1e15));

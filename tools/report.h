@@ -35,7 +35,7 @@ bool has_colour(std::FILE* stream);
 
 std::string format_bytes(std::uint64_t bytes);             // "15.6 GiB"
 std::string format_quantity(double value);                 // three digits and a prefix: "39.3 M"
-std::string format_seconds(double seconds);                // "0.42 s", "3:07 min", "1:02:03 h"
+std::string format_seconds(double seconds);                // "4.20 ms", "0.42 s", "3:07 min", "1:02:03 h"
 std::string plural(std::uint64_t count, const char* noun); // "1 sample", "3 samples"
 
 // Columns padded to their widest cell; the first row is the heading. Columns whose heading starts with '>' (which is

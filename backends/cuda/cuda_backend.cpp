@@ -56,10 +56,10 @@ std::string driver_version_text(int version)
 	return text;
 }
 
-// NVIDIA's spelling: "GPU-01234567-89ab-cdef-0123-456789abcdef".
+// "01234567-89ab-cdef-0123-456789abcdef"; nvidia-smi writes "GPU-" before it.
 std::string uuid_text(const CuUuid& uuid)
 {
-	std::string text = "GPU-";
+	std::string text;
 	for (int i = 0; i < 16; ++i)
 		text += fmt::format("{}{:02x}", i == 4 || i == 6 || i == 8 || i == 10 ? "-" : "", uuid.bytes[i]);
 	return text;
@@ -81,9 +81,10 @@ void find_identity(const CudaApi& api, CuDevice device, DeviceInfo& info)
 	}
 	const auto get_uuid = api.cuDeviceGetUuid_v2 ? api.cuDeviceGetUuid_v2 : api.cuDeviceGetUuid;
 	CuUuid uuid{};
-	if (get_uuid && get_uuid(&uuid, device) == cu_success)
-		info.id = "uuid:" + uuid_text(uuid);
-	else if (!info.pci.empty())
+	if (get_uuid && get_uuid(&uuid, device) == cu_success) {
+		info.uuid = uuid_text(uuid);
+		info.id = "uuid:" + info.uuid;
+	} else if (!info.pci.empty())
 		info.id = "pci:" + info.pci;
 }
 

@@ -255,7 +255,7 @@ Status CudaDevice::build_compiled(const ProgramSpec& spec, CudaProgram& program)
 {
 	RT_TRY_ASSIGN(const NvrtcTarget target, nvrtc_->target_for(capability_));
 	RT_TRY_ASSIGN(std::string text, flatten_program(spec));
-	const std::vector<std::string> options = nvrtc_options();
+	const std::vector<std::string> options = nvrtc_options(integer_define(spec, "RT_DEF_CONTRACT", 0) != 0);
 	BuildReport& report = program.report_to_fill();
 	report.options = target.option();
 	for (const std::string& option : options)

@@ -178,9 +178,9 @@ Result<NvrtcOutput> Nvrtc::compile(const std::string& text, const std::string& n
 	return output;
 }
 
-std::vector<std::string> nvrtc_options()
+std::vector<std::string> nvrtc_options(bool contract)
 {
-	return {"--std=c++17", "--fmad=false", "--ftz=false", "--prec-div=true", "--prec-sqrt=true"};
+	return {"--std=c++17", contract ? "--fmad=true" : "--fmad=false", "--ftz=false", "--prec-div=true", "--prec-sqrt=true"};
 }
 
 const char* nvrtc_packages()

@@ -79,8 +79,9 @@ private:
 	std::vector<int> capabilities_;
 };
 
-// The options that keep the contract; the target's option is added by compile().
-std::vector<std::string> nvrtc_options();
+// The options that keep the contract; the target's option is added by compile(). `contract` lets the compiler fuse
+// products and sums, for the tests that show that it finds none (RT_DEF_CONTRACT).
+std::vector<std::string> nvrtc_options(bool contract = false);
 
 // The packages that bring NVRTC, one distribution a line.
 const char* nvrtc_packages();

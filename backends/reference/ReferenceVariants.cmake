@@ -6,18 +6,28 @@
 set(RT_REFERENCE_DECLARATIONS "")
 set(RT_REFERENCE_TABLE "")
 
+# After v3, CONTRACTED: the compiler may fuse, which tests use to show that it finds nothing to fuse (rule 3).
 function(rt_reference_variant name features native_roots v3)
+  set(contracted 0)
+  if("CONTRACTED" IN_LIST ARGN)
+    set(contracted 1)
+  endif()
   set(target rt_reference_${name})
   add_library(${target} OBJECT reference/reference_kernels.cpp)
   target_include_directories(${target} PRIVATE "${PROJECT_SOURCE_DIR}")
   target_compile_definitions(${target} PRIVATE RT_VARIANT=${name} RT_FEATURES=${features}
-                             RT_DEF_NATIVE_ROOTS=${native_roots} RT_VARIANT_V3=${v3})
+                             RT_DEF_NATIVE_ROOTS=${native_roots} RT_VARIANT_V3=${v3} RT_DEF_CONTRACT=${contracted})
   # -O3 whatever the preset: this is a backend.
   target_compile_options(${target} PRIVATE -O3 -fno-math-errno)
   if(v3)
     target_compile_options(${target} PRIVATE -march=x86-64-v3)
   endif()
-  target_link_libraries(${target} PRIVATE rt_warnings rt_kernel_warnings rt_strict_fp)
+  target_link_libraries(${target} PRIVATE rt_warnings rt_kernel_warnings)
+  if(contracted)
+    target_compile_options(${target} PRIVATE -ffp-contract=fast)
+  else()
+    target_link_libraries(${target} PRIVATE rt_strict_fp)
+  endif()
   target_sources(rt_backends PRIVATE $<TARGET_OBJECTS:${target}>)
   set(RT_REFERENCE_DECLARATIONS "${RT_REFERENCE_DECLARATIONS}extern const ReferenceVariant ${name};\n" PARENT_SCOPE)
   set(RT_REFERENCE_TABLE "${RT_REFERENCE_TABLE}\t&${name},\n" PARENT_SCOPE)
@@ -31,6 +41,7 @@ else()
 endif()
 rt_reference_variant(generic 0xfffu 1 ${RT_FAST})
 rt_reference_variant(generic_software_roots 0xfffu 0 ${RT_FAST})
+rt_reference_variant(generic_contracted 0xfffu 1 ${RT_FAST} CONTRACTED)
 rt_reference_variant(matte 0x301u 1 ${RT_FAST})    # lambertian, sky, gradient
 rt_reference_variant(classic 0x70fu 1 ${RT_FAST})  # + metal, fuzz, dielectric, wide
 rt_reference_variant(lens 0x78fu 1 ${RT_FAST})     # + defocus

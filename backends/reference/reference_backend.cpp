@@ -5,7 +5,6 @@
 #include "support/thread_pool.h"
 
 #include <algorithm>
-#include <cstdlib>
 #include <cstring>
 #include <fmt/format.h>
 #include <fstream>
@@ -56,17 +55,8 @@ bool host_has_x86_64_v3()
 #endif
 }
 
-// The value of an integer define ("0x1fu", "8"), or a fallback.
-std::uint32_t define_value(const ProgramSpec& spec, const std::string& name, std::uint32_t fallback)
-{
-	for (const auto& [key, value] : spec.defines)
-		if (key == name)
-			return static_cast<std::uint32_t>(std::strtoul(value.c_str(), nullptr, 0));
-	return fallback;
-}
-
 // The variant with the fewest features that has all that are needed; x86-64-v3 before the baseline.
-const ReferenceVariant* choose_variant(std::uint32_t features, bool native_roots)
+const ReferenceVariant* choose_variant(std::uint32_t features, bool native_roots, bool contracted)
 {
 	const bool v3 = host_has_x86_64_v3();
 	const ReferenceVariant* best = nullptr;
@@ -75,7 +65,8 @@ const ReferenceVariant* choose_variant(std::uint32_t features, bool native_roots
 	};
 	for (unsigned i = 0; i < reference_variant_count; ++i) {
 		const ReferenceVariant& variant = *reference_variants[i];
-		if ((features & ~variant.features) != 0 || variant.native_roots != native_roots || (variant.needs_x86_64_v3 && !v3))
+		if ((features & ~variant.features) != 0 || variant.native_roots != native_roots || variant.contracted != contracted ||
+		     (variant.needs_x86_64_v3 && !v3))
 			continue;
 		if (!best || rank(variant) < rank(*best))
 			best = &variant;
@@ -89,13 +80,14 @@ public:
 
 	Result<ProgramHandle> build(const ProgramSpec& spec) override
 	{
-		const std::uint32_t lanes = define_value(spec, "RT_LANES", 1);
+		const std::uint32_t lanes = integer_define(spec, "RT_LANES", 1);
 		if (lanes != 1)
 			return Error{ErrorKind::Build, fmt::format("the reference backend has no kernels of {} lanes", lanes), {},
 			             "use 1 lane", {}};
-		const std::uint32_t features = define_value(spec, "RT_FEATURES", RT_FEATURE_ALL);
-		const bool native_roots = define_value(spec, "RT_DEF_NATIVE_ROOTS", 1) != 0;
-		const ReferenceVariant* variant = choose_variant(features, native_roots);
+		const std::uint32_t features = integer_define(spec, "RT_FEATURES", RT_FEATURE_ALL);
+		const bool native_roots = integer_define(spec, "RT_DEF_NATIVE_ROOTS", 1) != 0;
+		const bool contracted = integer_define(spec, "RT_DEF_CONTRACT", 0) != 0;
+		const ReferenceVariant* variant = choose_variant(features, native_roots, contracted);
 		if (!variant)
 			return Error{ErrorKind::Build,
 			             fmt::format("no compiled variant of the kernels has features {:#x} with {} roots for this processor",
@@ -103,7 +95,8 @@ public:
 			             {}, {}, {}};
 		BuildReport report;
 		report.variant = variant->name;
-		report.options = variant->needs_x86_64_v3 ? "-O3 -ffp-contract=off -march=x86-64-v3" : "-O3 -ffp-contract=off";
+		report.options = variant->needs_x86_64_v3 ? "-O3 -march=x86-64-v3" : "-O3";
+		report.options += contracted ? " -ffp-contract=fast" : " -ffp-contract=off";
 		auto program = std::make_shared<HostProgram>(*variant, std::move(report));
 		for (const std::string& entry : spec.entries)
 			if (!program->find(entry))
@@ -206,7 +199,7 @@ public:
 		info.max_alloc_bytes = info.memory_bytes;
 		info.compute_units = thread_count();
 		info.reports_correct_rounding = info.reports_subnormals = info.reports_fp64 = true;
-		if (!host_has_x86_64_v3() && choose_variant(RT_FEATURE_ALL, true) != nullptr)
+		if (!host_has_x86_64_v3() && choose_variant(RT_FEATURE_ALL, true, false) != nullptr)
 			info.quirks.push_back({"software-fma", "this build or processor has no fma instruction: exact, and slower"});
 		Enumeration found;
 		found.devices.push_back(std::move(info));

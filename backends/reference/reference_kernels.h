@@ -19,6 +19,7 @@ struct ReferenceVariant {
 	const char* name;
 	std::uint32_t features; // compiled in
 	bool native_roots;
+	bool contracted;      // the compiler may fuse products and sums, and finds none: for the tests of rule 3
 	bool needs_x86_64_v3; // compiled for AVX2 and FMA
 	const ReferenceKernel* kernels;
 	unsigned kernel_count;

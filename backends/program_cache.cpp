@@ -12,8 +12,11 @@
 #include <atomic>
 #include <cerrno>
 #include <cstdio>
+#include <algorithm>
 #include <cstdlib>
 #include <cstring>
+
+extern char** environ;
 
 namespace rt {
 
@@ -143,6 +146,17 @@ void cache_store(const CacheKey& key, const std::vector<std::uint8_t>& payload)
 	done = close(file) == 0 && done;
 	if (!done || std::rename(temporary.c_str(), path.c_str()) != 0)
 		unlink(temporary.c_str());
+}
+
+std::string cache_environment()
+{
+	std::vector<std::string> found;
+	for (char** entry = environ; entry && *entry; ++entry)
+		for (const char* prefix : {"AMD_", "CL_CONFIG_", "CUDA_", "GALLIVM_", "IGC_", "LP_", "NV_", "POCL_", "RUSTICL_"})
+			if (std::strncmp(*entry, prefix, std::strlen(prefix)) == 0)
+				found.emplace_back(*entry);
+	std::sort(found.begin(), found.end());
+	return fmt::format("{}", fmt::join(found, " "));
 }
 
 } // namespace rt

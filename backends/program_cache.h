@@ -21,6 +21,10 @@ struct CacheKey {
 	std::string backend, platform, device, driver, compiler, options, text;
 };
 
+// The environment variables by which drivers let their code generation be changed, with their values: whoever keeps
+// something that depends on a driver's code puts them into its key.
+std::string cache_environment();
+
 std::optional<std::vector<std::uint8_t>> cache_load(const CacheKey& key);
 void cache_store(const CacheKey& key, const std::vector<std::uint8_t>& payload);
 

@@ -59,20 +59,26 @@ struct Operands {
 	std::size_t size() const { return a.size(); }
 };
 
-enum class Domain { Ordinary, Positive, Turns, Integers, Special, Subnormal, Radiance, SmallIntegers };
+enum class Domain { Ordinary, Positive, Turns, Integers, Special, Subnormal, SubnormalPairs, Radiance, SmallIntegers };
 
 Operands make_operands(Domain domain)
 {
 	// Mantissas where rounding goes wrong first: all ones, all zeros, one bit, the middle.
 	static const std::uint32_t mantissas[] = {0x000000, 0x000001, 0x7fffff, 0x7ffffe, 0x400000, 0x3fffff, 0x400001, 0x2aaaaa};
-	static const std::uint32_t specials[] = {0x00000000, 0x80000000, 0x3f800000, 0xbf800000, 0x7f800000,
-	                                         0xff800000, 0x7fc00000, 0x00000001, 0x007fffff, 0x00800000,
-	                                         0x7f7fffff, 0x4b000000, 0x33800000};
+	static const std::uint32_t specials[] = {0x00000000, 0x80000000, 0x3f800000, 0xbf800000, 0x7f800000, 0xff800000,
+	                                         0x7fc00000, 0x00800000, 0x7f7fffff, 0x4b000000, 0x33800000};
+	static const std::uint32_t subnormals[] = {0x00000000, 0x80000000, 0x00000001, 0x80000001, 0x007fffff, 0x00800000};
 	Operands operands;
 	Generator random;
 	if (domain == Domain::Special) {
 		for (const std::uint32_t x : specials)
 			for (const std::uint32_t y : specials)
+				operands.add(x, y, 0);
+		return operands;
+	}
+	if (domain == Domain::SubnormalPairs) {
+		for (const std::uint32_t x : subnormals)
+			for (const std::uint32_t y : subnormals)
 				operands.add(x, y, 0);
 		return operands;
 	}
@@ -106,6 +112,7 @@ Operands make_operands(Domain domain)
 			break;
 		case Domain::Integers:
 		case Domain::Special:
+		case Domain::SubnormalPairs:
 			operands.add(random.next(), random.next(), random.next());
 			break;
 		}
@@ -204,6 +211,7 @@ constexpr Question questions[] = {
     {"radiance to integer", RT_PROBE_FILM, Domain::Radiance, true},
     // Rule 5 keeps ordinary scenes away from subnormals, so a device that flushes them is told of and not refused.
     {"subnormal products", RT_PROBE_MULTIPLY, Domain::Subnormal, false},
+    {"subnormal comparison", RT_PROBE_COMPARE, Domain::SubnormalPairs, false},
     {"subnormal fma", RT_PROBE_FMA, Domain::Subnormal, false},
 };
 
@@ -335,7 +343,7 @@ CacheKey cache_key(const DeviceInfo& info)
 	        info.name,
 	        info.driver,
 	        info.compiler,
-	        fmt::format("lanes {} seeds {}", info.native_lanes, info.hardware_seeds),
+	        fmt::format("lanes {} seeds {} {}", info.native_lanes, info.hardware_seeds, cache_environment()),
 	        fmt::format("self-test, contract {}, kernels {}, rt {} {}", RT_CONTRACT_VERSION, kernel_hash(), RT_VERSION,
 	                    RT_REVISION)};
 }

@@ -7,7 +7,7 @@
 
 namespace rt {
 
-const char* const stress_tile_hash = "1ac3402947ca414b9b8858594dce44fc";
+const char* const stress_tile_hash = "146efb52940acc05b6e2bb912db5a9a1";
 
 namespace {
 

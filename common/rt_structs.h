@@ -2,7 +2,7 @@
  *
  * Members are float, rt_u32 and rt_i32 only; every struct is a row of 16-byte rows; padding is named and zero;
  * links are indices. The assertion behind each struct is checked by the device's compiler too, and the self-test
- * reads sizes and offsets back from the device (kernels/probe.h).
+ * reads sizes and offsets back from the device (kernels/probe.cl).
  *
  * Lengths are in scene units relative to the camera; colours are linear RGB.
  */

@@ -59,8 +59,9 @@ RT_FN rt_vec3 rt_scatter_metal(rt_disc_sample p, rt_float u, rt_float fuzz, rt_v
 RT_FN rt_vec3 rt_scatter_dielectric(rt_float u, rt_float eta, rt_vec3 d, rt_float c, rt_vec3 n,
                                     RT_PRIVATE rt_mask* refracted)
 {
-	rt_float sine2 = rt_fma(-c, c, rt_splat(1.0f));
-	rt_float cosine2 = rt_fma(-(eta * eta), sine2, rt_splat(1.0f));
+	/* 1 - eta^2 (1 - c^2) in the order that keeps its digits where eta is near 1: an index of 1 refracts nothing. */
+	rt_float scaled = eta * c;
+	rt_float cosine2 = rt_fma(scaled, scaled, rt_fma(-eta, eta, rt_splat(1.0f)));
 	rt_float beyond = rt_sqrt(cosine2); /* cosine of refraction */
 	rt_float perpendicular = rt_fma(eta, c, beyond);
 	rt_float parallel = rt_fma(eta, beyond, c);

@@ -188,7 +188,7 @@ RT_FN rt_mask rt_path_scatter(rt_scene_view view, RT_PRIVATE rt_path* path, rt_h
 	leaving.reach = surface.reach;
 	leaving.dir = direction;
 	leaving.from = index;
-	leaving.chord = rt_sel(inward, surface.radius * v3_dot(surface.normal, direction) * -2.0f, rt_splat(-1.0f));
+	leaving.chord = rt_sel(inward, (surface.radius + surface.radius) * -v3_dot(surface.normal, direction), rt_splat(-1.0f));
 	path->ray = rt_ray_sel(shade, leaving, path->ray);
 	path->throughput = v3_sel(shade, throughput, path->throughput);
 	path->depth = rt_sel(shade, path->depth + 1, path->depth);

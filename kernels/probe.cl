@@ -63,7 +63,7 @@ RT_KERNEL(rt_probe)(RT_GLOBAL const rt_u32* RT_RESTRICT as, RT_GLOBAL const rt_u
 	else if (operation == RT_PROBE_FMA)
 		first = rt_fma(a, b, c);
 	else if (operation == RT_PROBE_BARE)
-		first = a * b + c; /* int */ /* it is not: the one product that feeds a bare +, on purpose */
+		first = a * b + c; /* bare: on purpose, the only one */
 	else if (operation == RT_PROBE_ROOT)
 		first = rt_sqrt(a);
 	else if (operation == RT_PROBE_RECIPROCAL)

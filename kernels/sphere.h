@@ -90,7 +90,7 @@ RT_FN rt_float rt_wide_distance(rt_vec3 center, rt_float radius, rt_float c0_hig
 	rt_float half_chord = rt_sqrt(discriminant);
 	rt_mask ahead = f.b >= rt_splat(0.0f);
 	rt_float q = rt_sel(ahead, f.b + half_chord, f.b - half_chord);
-	rt_mask two_roots = (q > rt_splat(0.0f)) | (q < rt_splat(0.0f));
+	rt_mask two_roots = rt_abs(q) > rt_splat(RT_MIN_SQUARE);
 	rt_float other = c * rt_rcp(rt_sel(two_roots, q, rt_splat(1.0f)));
 	rt_float t = rt_sel(ahead & rt_not(other > rt_splat(0.0f)), q, other);
 	t = rt_sel(is_from, ray.chord, t);

@@ -2,6 +2,7 @@
 
 #include "common/rt_contract.h"
 #include "common/rt_features.h"
+#include "support/float_environment.h"
 
 #include <algorithm>
 #include <cmath>
@@ -330,8 +331,9 @@ Result<PackedScene> pack_scene(const Scene& scene, const RenderSettings& setting
 		             {}, "choose a part within the image", {}};
 	if (settings.samples > RT_MAX_SAMPLES)
 		return Error{ErrorKind::Usage, fmt::format("{} samples a pixel could overflow the film's sums", settings.samples),
-		             {}, fmt::format("use at most {} (2^23)", RT_MAX_SAMPLES), {}};
+		             {}, fmt::format("use at most {}", RT_MAX_SAMPLES), {}};
 
+	const ContractFloatEnvironment environment;
 	PackedScene packed;
 	packed.scene.width = settings.width;
 	packed.scene.height = settings.height;

@@ -1,5 +1,6 @@
 #include "tests/double_tracer.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <random>

@@ -356,33 +356,72 @@ TEST_CASE("rays start evenly on the lens")
 	CHECK(lens_p(1.02f) < level);
 }
 
-TEST_CASE("rays go evenly through a pixel, by way of the plane in focus")
-{
-	for (const double aperture : {0.0, 0.5}) {
-		const PackedScene packed = packed_camera(aperture);
-		const rt_scene& s = packed.scene;
-		// The pixel's corner and edges, from the packed camera; they are mutually perpendicular.
-		const Vec3d step_x = in_double(v3(s.step_x_x, s.step_x_y, s.step_x_z));
-		const Vec3d step_y = in_double(v3(s.step_y_x, s.step_y_y, s.step_y_z));
-		const Vec3d corner = in_double(v3(s.corner_x, s.corner_y, s.corner_z));
-		const Vec3d normal = cross(step_x, step_y);
-		EvenGrid grid(32, 32);
-		bool inside = true;
-		for (std::uint32_t i = 0; i < million; ++i) {
-			const rt_ray ray = rt_camera_ray(&s, 2, 1, rt_random(9, i, 0, 0));
-			const Vec3d from = in_double(v3_add(ray.base, ray.arm)), d = in_double(ray.dir);
-			const double t = (dot(corner, normal) - dot(from, normal)) / dot(d, normal);
-			const Vec3d point = {from[0] + t * d[0] - corner[0], from[1] + t * d[1] - corner[1],
-			                     from[2] + t * d[2] - corner[2]};
-			const double x = dot(point, step_x) / dot(step_x, step_x) - 2;
-			const double y = dot(point, step_y) / dot(step_y, step_y) - 1;
-			inside = inside && x > -1e-5 && x < 1 + 1e-5 && y > -1e-5 && y < 1 + 1e-5;
-			grid.add(x, y);
-		}
-		INFO("aperture " << aperture);
-		CHECK(inside);
-		CHECK(grid.p() > level);
+namespace {
+
+// Numbers in [0, 1) that should be uniform and independent, pair by pair.
+template <std::size_t n>
+class Independence {
+public:
+	void add(const std::array<double, n>& u)
+	{
+		std::size_t pair = 0;
+		for (std::size_t a = 0; a < n; ++a)
+			for (std::size_t b = a + 1; b < n; ++b)
+				grids_[pair++].add(u[a], u[b]);
 	}
+	void tell(TestFamily& family, const std::array<std::string, n>& names) const
+	{
+		std::size_t pair = 0;
+		for (std::size_t a = 0; a < n; ++a)
+			for (std::size_t b = a + 1; b < n; ++b)
+				family.add(names[a] + " and " + names[b], grids_[pair++].p());
+	}
+
+private:
+	std::vector<EvenGrid> grids_ = std::vector<EvenGrid>(n * (n - 1) / 2, EvenGrid(32, 32));
+};
+
+// Where in its pixel (column, row) a ray meets the plane in focus.
+std::array<double, 2> place_in_pixel(const rt_scene& s, const rt_ray& ray, double column, double row)
+{
+	// From the packed camera; the steps are perpendicular to each other.
+	const Vec3d step_x = in_double(v3(s.step_x_x, s.step_x_y, s.step_x_z));
+	const Vec3d step_y = in_double(v3(s.step_y_x, s.step_y_y, s.step_y_z));
+	const Vec3d corner = in_double(v3(s.corner_x, s.corner_y, s.corner_z));
+	const Vec3d normal = cross(step_x, step_y);
+	const Vec3d from = in_double(v3_add(ray.base, ray.arm)), d = in_double(ray.dir);
+	const double t = (dot(corner, normal) - dot(from, normal)) / dot(d, normal);
+	const Vec3d point = {from[0] + t * d[0] - corner[0], from[1] + t * d[1] - corner[1],
+	                     from[2] + t * d[2] - corner[2]};
+	return {dot(point, step_x) / dot(step_x, step_x) - column, dot(point, step_y) / dot(step_y, step_y) - row};
+}
+
+} // namespace
+
+TEST_CASE("rays go evenly through a pixel, wherever on the lens they start")
+{
+	TestFamily family;
+	const PackedScene lens = packed_camera(0.5), pinhole = packed_camera(0);
+	const Vec3d u = in_double(lens_u(lens.scene)), v = in_double(lens_v(lens.scene));
+	Independence<4> through_lens;
+	Independence<2> through_pinhole;
+	bool inside = true;
+	for (std::uint32_t i = 0; i < million; ++i) {
+		const rt_random4 random = rt_random(9, i, 0, 0);
+		const rt_ray ray = rt_camera_ray(&lens.scene, 2, 1, random);
+		const std::array<double, 2> a = place_in_pixel(lens.scene, ray, 2, 1);
+		const std::array<double, 2> b =
+		    place_in_pixel(pinhole.scene, rt_camera_ray(&pinhole.scene, 2, 1, random), 2, 1);
+		for (const double x : {a[0], a[1], b[0], b[1]})
+			inside = inside && x > -1e-5 && x < 1 + 1e-5;
+		const double x = dot(in_double(ray.arm), u) / dot(u, u), y = dot(in_double(ray.arm), v) / dot(v, v);
+		through_lens.add({a[0], a[1], x * x + y * y, turns(y, x)});
+		through_pinhole.add(b);
+	}
+	CHECK(inside);
+	through_lens.tell(family, {"x", "y", "squared distance on the lens", "angle on the lens"});
+	through_pinhole.tell(family, {"x", "y"});
+	CHECK_FAMILY(family);
 }
 
 // ---- dielectrics ----
@@ -615,6 +654,40 @@ TEST_CASE("scattering multiplies the weight by the albedo and leaves a unit dire
 	INFO("longest or shortest direction: " << worst << " ulp");
 	CHECK(worst < 4);
 	CHECK(worst > 0); // it was measured
+}
+
+TEST_CASE("a path's bounces are independent of each other and of its place in the pixel")
+{
+	Material white = material_of(Material::Kind::Lambertian);
+	const Probe probe(white, 1);
+	const rt_path start = probe.path_at(0.8);
+	const rt_hit hit =
+	    rt_closest_hit(probe.view.scene, probe.view.spheres, probe.view.wide, probe.view.sphere_ids, start.ray);
+	REQUIRE(hit.index == 0);
+	const rt_surface surface = rt_sphere_surface(probe.view.scene, probe.view.spheres, start.ray, hit.t, hit.index);
+	const About frame(in_double(surface.normal));
+	Independence<8> independence;
+	for (std::uint32_t i = 0; i < million / 4; ++i) {
+		const std::uint32_t sample = i % 256, column = (i / 256) % 32, row = i / (256 * 32);
+		std::array<double, 8> u{};
+		const rt_path primary = rt_path_start(probe.view, column, row, sample);
+		const std::array<double, 2> place = place_in_pixel(probe.packed.scene, primary.ray, column, row);
+		u[0] = place[0];
+		u[1] = place[1];
+		for (std::size_t bounce = 0; bounce < 3; ++bounce) {
+			// The same surface each time; only the path's depth says that it is another bounce.
+			rt_path path = start;
+			path.depth = static_cast<rt_i32>(bounce);
+			rt_path_scatter(probe.view, &path, hit, row * 640 + column, sample, RT_TRUE);
+			const Vec3d d = in_double(path.ray.dir);
+			u[2 + 2 * bounce] = 1 - frame.cosine(d) * frame.cosine(d);
+			u[3 + 2 * bounce] = frame.around(d);
+		}
+		independence.add(u);
+	}
+	TestFamily family;
+	independence.tell(family, {"x", "y", "sine 0", "angle 0", "sine 1", "angle 1", "sine 2", "angle 2"});
+	CHECK_FAMILY(family);
 }
 
 TEST_CASE("normals are unit vectors whatever the sphere's size and distance")

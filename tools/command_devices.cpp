@@ -231,9 +231,11 @@ private:
 		const SelfTestReport& report = *tests_[i].report;
 		const auto passed = std::count_if(report.items.begin(), report.items.end(),
 		                                  [](const SelfTestItem& item) { return item.passed; });
-		return fmt::format("{}: {} of {} items, {}{}{}", outcome(i), passed, report.items.size(),
-		                   format_seconds(report.seconds), report.from_cache ? ", remembered" : "",
-		                   report.needs_software_roots ? "; with our own square root and reciprocal" : "");
+		// Only the verdict of a passed test is remembered, not its items.
+		const std::string items = report.from_cache ? " (remembered)"
+		                                            : fmt::format(": {} of {} items, {}", passed, report.items.size(),
+		                                                          format_seconds(report.seconds));
+		return outcome(i) + items + (report.needs_software_roots ? ", with our own square root and reciprocal" : "");
 	}
 
 	std::string test_failures(std::size_t i) const

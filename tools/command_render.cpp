@@ -86,7 +86,7 @@ public:
 		// The first frame is checked before a device is touched: most mistakes are in the scene.
 		RT_TRY(prepare(options_.first_frame));
 		RT_TRY(open_devices());
-		catch_stop_signals();
+		catch_signals();
 		for (std::uint32_t frame = options_.first_frame;; frame++) {
 			if (frame != options_.first_frame)
 				RT_TRY(prepare(frame));
@@ -94,7 +94,7 @@ public:
 			if (frame == options_.last_frame)
 				return success();
 			if (stop_requested())
-				return Error{ErrorKind::Interrupted, fmt::format("stopped after frame {}", frame), output_.path,
+				return Error{ErrorKind::Interrupted, fmt::format("after frame {}", frame), output_.path,
 				             fmt::format("go on with --frames {}:{}", frame + 1, options_.last_frame), ""};
 		}
 	}
@@ -222,7 +222,10 @@ private:
 		passes.session.status = [this](const std::string& text) { display_.status(text); };
 		passes.session.snapshot_wanted = take_snapshot_request;
 		passes.snapshot = [this](const Film& film) { write_snapshot(film); };
-		passes.progress = [this](const Progress& progress, std::uint64_t before) { display_.update(progress, before); };
+		passes.progress = [this](const Progress& progress, std::uint64_t before) {
+			catch_signals(); // the kernel's compilation lies between the last call and the first progress
+			display_.update(progress, before);
+		};
 		if (!options_.checkpoint.empty())
 			passes.checkpoint = [this](const Film& film) {
 				return write_image(film, options_.checkpoint, ImageFormat::RtFilm, options_.display,
@@ -252,6 +255,12 @@ private:
 			               "this is a bug of rt or of the device's driver; please report it with the output of "
 			               "`rt devices -v`");
 		return finish(result, result.film);
+	}
+
+	static void catch_signals()
+	{
+		catch_snapshot_signal();
+		catch_stop_signals();
 	}
 
 	std::string title() const
@@ -313,8 +322,8 @@ private:
 		if (options_.window)
 			size = fmt::format("{}x{} of {}", origin_.window.width, origin_.window.height, size);
 		std::string text =
-		    fmt::format("{}: {}, {} samples a pixel, {}\n", output_.path == "-" ? "standard output" : output_.path,
-		                size, samples_text(kept), precision_name);
+		    fmt::format("{}: {}, {} {} a pixel, {}\n", output_.path == "-" ? "standard output" : output_.path, size,
+		                samples_text(kept), kept.max_samples() == 1 ? "sample" : "samples", precision_name);
 		std::vector<std::string> names;
 		for (const DeviceHandle& device : origin_.devices)
 			names.push_back(describe(device->info()));
@@ -349,7 +358,7 @@ private:
 	{
 		Error stopped{ErrorKind::Interrupted, "", output_.path, "", ""};
 		if (result.film.max_samples() == 0) {
-			stopped.message = "stopped before the first sample; nothing was written";
+			stopped.message = "before the first sample; nothing was written";
 			return stopped;
 		}
 		// A film to go on from is worth more in an .rtfilm than the few samples that came after it.
@@ -358,9 +367,9 @@ private:
 		RT_TRY(write_output(kept, result.devices));
 		times_.end();
 		RT_TRY(finish(result, kept));
-		stopped.message = fmt::format("stopped; {} holds {} of {} samples a pixel",
-		                              output_.path == "-" ? "standard output" : output_.path, samples_text(kept),
-		                              origin_.settings.samples);
+		stopped.message =
+		    fmt::format("{} holds {} of {} samples a pixel", output_.path == "-" ? "standard output" : output_.path,
+		                samples_text(kept), origin_.settings.samples);
 		const std::string& from = options_.checkpoint.empty() ? output_.path : options_.checkpoint;
 		if (result.even)
 			stopped.cure =

@@ -210,9 +210,18 @@ Result<std::optional<TextRequest>> parse(CLI::App& app, std::vector<std::string>
 	try {
 		app.parse(std::move(arguments));
 	} catch (const CLI::CallForHelp&) {
-		return std::optional(TextRequest{app.help()});
+		std::string text = app.help();
+		for (std::size_t at; (at = text.find("\n\n\n")) != std::string::npos;)
+			text.erase(at, 1); // CLI11 is generous with blank lines
+		return std::optional(TextRequest{std::move(text)});
 	} catch (const CLI::CallForVersion&) {
 		return std::optional(TextRequest{version_text()});
+	} catch (const CLI::ArgumentMismatch& error) {
+		// "--samples: 1 required N missing", "--samples: expected 1 argument and got 2"
+		const std::string what = error.what();
+		const std::string option = what.substr(0, what.find(':'));
+		const bool missing = what.find("missing") != std::string::npos;
+		return usage(missing ? option + " needs a value" : what, app.get_name() + " --help lists what it takes");
 	} catch (const CLI::ParseError& error) {
 		return usage(error.what(), app.get_name() + " --help lists what it takes");
 	}
@@ -288,7 +297,7 @@ void add_report_options(CLI::App& app, RenderOptions& options, RawRender& raw)
 	app.add_option("--progress", raw.progress, "auto (a bar on a terminal), plain, json or none")
 	    ->type_name("HOW")
 	    ->group("Progress");
-	app.add_flag("-q,--quiet", options.quiet, "no progress, no warnings; only the film's hash")->group("Progress");
+	app.add_flag("-q,--quiet", options.quiet, "no progress; of the results only the film's hash")->group("Progress");
 	app.add_flag("-v,--verbose", options.verbose, "device, kernel and scene in detail")->group("Progress");
 }
 

@@ -81,6 +81,8 @@ private:
 		SessionOptions session = options_.session;
 		session.first_sample = done_;
 		session.samples = count;
+		if (done_ > before_)
+			session.status = nullptr; // the kernel is compiled by now
 		session.progress = [this](const Progress& progress) { tell_progress(progress); };
 		session.snapshot = [this](const Film& film) { show_snapshot(film); };
 		RT_TRY_ASSIGN(SessionResult pass, render_scene(packed_, devices_, session));

@@ -39,6 +39,8 @@ void catch_snapshot_signal()
 
 void catch_stop_signals()
 {
+	if (stop)
+		return; // the next signal must end the process
 	for (const int signal_number : {SIGINT, SIGTERM})
 		set_handler(signal_number, on_stop, static_cast<int>(SA_RESTART | SA_RESETHAND));
 }

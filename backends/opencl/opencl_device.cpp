@@ -12,23 +12,9 @@
 #include <memory>
 #include <optional>
 
-extern char** environ;
-
 namespace rt {
 
 namespace {
-
-// Environment variables by which drivers let their code generation be changed: part of the cache's key.
-std::string compiler_environment()
-{
-	std::vector<std::string> found;
-	for (char** entry = environ; entry && *entry; ++entry)
-		for (const char* prefix : {"AMD_", "CL_CONFIG_", "GALLIVM_", "IGC_", "LP_", "RUSTICL_"})
-			if (std::strncmp(*entry, prefix, std::strlen(prefix)) == 0)
-				found.emplace_back(*entry);
-	std::sort(found.begin(), found.end());
-	return fmt::format("{}", fmt::join(found, " "));
-}
 
 // Context and queue; buffers and programs keep it alive.
 struct Context {
@@ -121,6 +107,7 @@ public:
 	    : api_(context->api), context_(std::move(context)), record_(std::move(record))
 	{
 		info_ = record_.info;
+		info_.hardware_seeds = record_.may_take_ptx && takes_ptx();
 	}
 	~OpenClDevice() override
 	{
@@ -322,7 +309,7 @@ private:
 	{
 		if (record_.driver_caches_code)
 			return from_source(text, entries);
-		const CacheKey key{"opencl", info_.platform, info_.name, info_.driver, compiler_environment(), record_.options,
+		const CacheKey key{"opencl", info_.platform, info_.name, info_.driver, cache_environment(), record_.options,
 		                   text};
 		if (const auto binary = cache_load(key))
 			if (OpenClProgramHandle program = from_binary(*binary, text, entries))

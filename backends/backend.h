@@ -40,18 +40,18 @@ struct DeviceInfo {
 	std::string pci;      // PCI address "0000:3b:00.0" or empty; equal in all views of one GPU
 	std::string uuid;     // 8-4-4-4-12 lower-case hex digits or empty; tells parts of one PCI device apart
 	DeviceKind kind = DeviceKind::Cpu;
-	std::uint64_t memory_bytes = 0;     // device memory (host memory for a CPU)
-	std::uint64_t max_alloc_bytes = 0;  // largest single buffer
+	std::uint64_t memory_bytes = 0;    // device memory (host memory for a CPU)
+	std::uint64_t max_alloc_bytes = 0; // largest single buffer
 	std::uint32_t compute_units = 0;
-	std::uint32_t native_lanes = 1;     // RT_LANES this device is best given: its native float width
-	bool hardware_seeds = false;        // kernels reach rsqrt/rcp approximations: our own roots are then the faster ones
+	std::uint32_t native_lanes = 1; // RT_LANES this device is best given: its native float width
+	bool hardware_seeds = false;    // kernels reach rsqrt/rcp approximations: our own roots are then the faster ones
 	bool reports_correct_rounding = false; // the driver says / and sqrt are correctly rounded (not relied on)
 	bool reports_subnormals = false;
 	bool reports_fp64 = false;
 	std::vector<Quirk> quirks;
 	bool only_if_named = false; // so slow (an interpreter) that it is chosen only where nothing else is, or by name
 	bool usable = true;
-	std::string why_not; // when not usable
+	std::string why_not;      // when not usable
 	int index_in_backend = 0; // what open() uses to find it again
 };
 
@@ -92,12 +92,12 @@ inline std::uint32_t integer_define(const ProgramSpec& spec, const std::string& 
 }
 
 struct BuildReport {
-	double seconds = 0;     // wall time of build(), compilation and loading
+	double seconds = 0; // wall time of build(), compilation and loading
 	bool from_cache = false;
-	bool embedded = false;  // the generic program compiled when rt was built (no run-time compiler found)
-	std::string options;    // what the device's compiler was given
-	std::string log;        // compiler's output, may be empty
-	std::string variant;    // reference: which compiled variant serves; otherwise empty
+	bool embedded = false; // the generic program compiled when rt was built (no run-time compiler found)
+	std::string options;   // what the device's compiler was given
+	std::string log;       // compiler's output, may be empty
+	std::string variant;   // reference: which compiled variant serves; otherwise empty
 };
 
 class Program {

@@ -9,10 +9,10 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cerrno>
 #include <cstdio>
-#include <algorithm>
 #include <cstdlib>
 #include <cstring>
 
@@ -152,7 +152,8 @@ std::string cache_environment()
 {
 	std::vector<std::string> found;
 	for (char** entry = environ; entry && *entry; ++entry)
-		for (const char* prefix : {"AMD_", "CL_CONFIG_", "CUDA_", "GALLIVM_", "IGC_", "LP_", "NV_", "POCL_", "RUSTICL_"})
+		for (const char* prefix :
+		     {"AMD_", "CL_CONFIG_", "CUDA_", "GALLIVM_", "IGC_", "LP_", "NV_", "POCL_", "RUSTICL_"})
 			if (std::strncmp(*entry, prefix, std::strlen(prefix)) == 0)
 				found.emplace_back(*entry);
 	std::sort(found.begin(), found.end());

@@ -74,10 +74,7 @@ std::string uuid_digits(std::string_view text)
 	return digits;
 }
 
-bool has_prefix(std::string_view text, std::string_view prefix)
-{
-	return text.substr(0, prefix.size()) == prefix;
-}
+bool has_prefix(std::string_view text, std::string_view prefix) { return text.substr(0, prefix.size()) == prefix; }
 
 // Does one item of --device, other than an index, mean this device?
 bool matches(const DeviceInfo& device, const std::string& item)

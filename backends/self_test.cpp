@@ -9,7 +9,8 @@
 #include "support/hash.h"
 #include "version.h"
 
-// The host's own compilation of the kernels' functions: what the composed ones (sincos, atan2, random, film) should give.
+// The host's own compilation of the kernels' functions: what the composed ones (sincos, atan2, random, film) should
+// give.
 namespace {
 thread_local unsigned rt_host_global_id = 0;
 }
@@ -37,8 +38,8 @@ public:
 	// A float of random sign and mantissa whose exponent lies in [low, high].
 	std::uint32_t number(int low, int high)
 	{
-		const std::uint32_t exponent = 127u + static_cast<std::uint32_t>(low) +
-		                               next() % static_cast<std::uint32_t>(high - low + 1);
+		const std::uint32_t exponent =
+		    127u + static_cast<std::uint32_t>(low) + next() % static_cast<std::uint32_t>(high - low + 1);
 		return (next() & 0x807fffffu) | (exponent << 23);
 	}
 
@@ -64,7 +65,8 @@ enum class Domain { Ordinary, Positive, Turns, Integers, Special, Subnormal, Sub
 Operands make_operands(Domain domain)
 {
 	// Mantissas where rounding goes wrong first: all ones, all zeros, one bit, the middle.
-	static const std::uint32_t mantissas[] = {0x000000, 0x000001, 0x7fffff, 0x7ffffe, 0x400000, 0x3fffff, 0x400001, 0x2aaaaa};
+	static const std::uint32_t mantissas[] = {0x000000, 0x000001, 0x7fffff, 0x7ffffe,
+	                                          0x400000, 0x3fffff, 0x400001, 0x2aaaaa};
 	static const std::uint32_t specials[] = {0x00000000, 0x80000000, 0x3f800000, 0xbf800000, 0x7f800000, 0xff800000,
 	                                         0x7fc00000, 0x00800000, 0x7f7fffff, 0x4b000000, 0x33800000};
 	static const std::uint32_t subnormals[] = {0x00000000, 0x80000000, 0x00000001, 0x80000001, 0x007fffff, 0x00800000};
@@ -284,7 +286,8 @@ Result<SelfTestItem> ask_layout(Device& device, const ProgramHandle& program)
 	for (std::size_t i = 0; i < layout_count && item.passed; ++i)
 		if (answers[i] != layout[i].value) {
 			item.passed = false;
-			item.detail = fmt::format("{} is {} on the device and {} on the host", layout[i].name, answers[i], layout[i].value);
+			item.detail =
+			    fmt::format("{} is {} on the device and {} on the host", layout[i].name, answers[i], layout[i].value);
 		}
 	return item;
 }

@@ -11,16 +11,16 @@
 namespace rt {
 
 struct SelfTestItem {
-	std::string name;   // "fma", "sqrt", "subnormals", "layout of rt_material", "stress tile", ...
+	std::string name; // "fma", "sqrt", "subnormals", "layout of rt_material", "stress tile", ...
 	bool passed = false;
 	bool required = true; // false: told, but no reason to refuse the device (flushed subnormals, rule 5)
-	std::string detail; // first difference: operands, expected and got, in hex
+	std::string detail;   // first difference: operands, expected and got, in hex
 };
 
 struct SelfTestReport {
 	std::vector<SelfTestItem> items;
 	bool needs_software_roots = false; // the device's own square root or reciprocal is at fault: build with ours
-	bool passed = false;       // the exact rung may be used
+	bool passed = false;               // the exact rung may be used
 	bool from_cache = false;
 	double seconds = 0;
 	std::string first_failure() const; // "sqrt: sqrt(0x3f800001) gave ..., contract says ..."; empty if none

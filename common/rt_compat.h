@@ -39,8 +39,8 @@
 #define RT_DEF_NATIVE_ROOTS 1
 #endif
 
-/* 1 lets the compiler fuse products and sums. No kernel gives it anything to fuse (contract rule 3), which tests show by
- * setting it: OpenCL takes it from here, the other backends turn it into a compiler flag. */
+/* 1 lets the compiler fuse products and sums. No kernel gives it anything to fuse (contract rule 3), which tests show
+ * by setting it: OpenCL takes it from here, the other backends turn it into a compiler flag. */
 #ifndef RT_DEF_CONTRACT
 #define RT_DEF_CONTRACT 0
 #endif
@@ -199,19 +199,20 @@ typedef RT_JOIN(int, RT_LANES) rt_mask;
 #define rt_store_u(x, pointer) RT_JOIN(vstore, RT_LANES)((x), 0, (pointer))
 
 #if RT_LANES == 4
-#define RT_EACH_LANE(array, i, field) (array)[(i).s0] field, (array)[(i).s1] field, (array)[(i).s2] field, (array)[(i).s3] field
+#define RT_EACH_LANE(array, i, field) \
+	(array)[(i).s0] field, (array)[(i).s1] field, (array)[(i).s2] field, (array)[(i).s3] field
 #define RT_LANE_NUMBERS 0u, 1u, 2u, 3u
 #elif RT_LANES == 8
-#define RT_EACH_LANE(array, i, field)                                                                  \
-	(array)[(i).s0] field, (array)[(i).s1] field, (array)[(i).s2] field, (array)[(i).s3] field,        \
-	    (array)[(i).s4] field, (array)[(i).s5] field, (array)[(i).s6] field, (array)[(i).s7] field
+#define RT_EACH_LANE(array, i, field)                                                                                  \
+	(array)[(i).s0] field, (array)[(i).s1] field, (array)[(i).s2] field, (array)[(i).s3] field, (array)[(i).s4] field, \
+	    (array)[(i).s5] field, (array)[(i).s6] field, (array)[(i).s7] field
 #define RT_LANE_NUMBERS 0u, 1u, 2u, 3u, 4u, 5u, 6u, 7u
 #elif RT_LANES == 16
-#define RT_EACH_LANE(array, i, field)                                                                  \
-	(array)[(i).s0] field, (array)[(i).s1] field, (array)[(i).s2] field, (array)[(i).s3] field,        \
-	    (array)[(i).s4] field, (array)[(i).s5] field, (array)[(i).s6] field, (array)[(i).s7] field,    \
-	    (array)[(i).s8] field, (array)[(i).s9] field, (array)[(i).sa] field, (array)[(i).sb] field,    \
-	    (array)[(i).sc] field, (array)[(i).sd] field, (array)[(i).se] field, (array)[(i).sf] field
+#define RT_EACH_LANE(array, i, field)                                                                                  \
+	(array)[(i).s0] field, (array)[(i).s1] field, (array)[(i).s2] field, (array)[(i).s3] field, (array)[(i).s4] field, \
+	    (array)[(i).s5] field, (array)[(i).s6] field, (array)[(i).s7] field, (array)[(i).s8] field,                    \
+	    (array)[(i).s9] field, (array)[(i).sa] field, (array)[(i).sb] field, (array)[(i).sc] field,                    \
+	    (array)[(i).sd] field, (array)[(i).se] field, (array)[(i).sf] field
 #define RT_LANE_NUMBERS 0u, 1u, 2u, 3u, 4u, 5u, 6u, 7u, 8u, 9u, 10u, 11u, 12u, 13u, 14u, 15u
 #else
 #error "rt: RT_LANES must be 1, 4, 8 or 16"

@@ -22,7 +22,8 @@
 /* Below this, rt_sqrt is 0 and a vector has no direction: keeps the residuals of kernels/math.h normal numbers. */
 #define RT_MIN_SQUARE 0x1p-100f
 
-/* Rule 15: f = RT_FILM_BITS - ceil(log2 L_max): a sample is at most 2^40, so 2^22 of them leave a bit of an int64 free. */
+/* Rule 15: f = RT_FILM_BITS - ceil(log2 L_max): a sample is at most 2^40, so 2^22 of them leave a bit of an int64 free.
+ */
 #define RT_FILM_BITS 40
 #define RT_MAX_SAMPLES (1u << 22)
 

@@ -7,33 +7,33 @@
 #ifndef RT_FEATURES_H
 #define RT_FEATURES_H
 
-#define RT_FEATURE_LAMBERTIAN 0x1u   /* diffuse surfaces */
-#define RT_FEATURE_METAL 0x2u        /* mirrors */
-#define RT_FEATURE_FUZZ 0x4u         /* metal whose reflection is spread */
-#define RT_FEATURE_DIELECTRIC 0x8u   /* refraction and Fresnel reflection */
-#define RT_FEATURE_EMISSION 0x10u    /* surfaces that emit */
-#define RT_FEATURE_CHECKER 0x20u     /* checker textures */
-#define RT_FEATURE_IMAGE 0x40u       /* image textures */
-#define RT_FEATURE_DEFOCUS 0x80u     /* thin lens */
-#define RT_FEATURE_SKY 0x100u        /* a sky that is not black */
-#define RT_FEATURE_GRADIENT 0x200u   /* a sky that changes with height */
-#define RT_FEATURE_WIDE 0x400u       /* spheres much larger than the smallest: the near-surface form of the test */
-#define RT_FEATURE_PERMUTED 0x800u   /* spheres stored in another order than their ids */
+#define RT_FEATURE_LAMBERTIAN 0x1u /* diffuse surfaces */
+#define RT_FEATURE_METAL 0x2u      /* mirrors */
+#define RT_FEATURE_FUZZ 0x4u       /* metal whose reflection is spread */
+#define RT_FEATURE_DIELECTRIC 0x8u /* refraction and Fresnel reflection */
+#define RT_FEATURE_EMISSION 0x10u  /* surfaces that emit */
+#define RT_FEATURE_CHECKER 0x20u   /* checker textures */
+#define RT_FEATURE_IMAGE 0x40u     /* image textures */
+#define RT_FEATURE_DEFOCUS 0x80u   /* thin lens */
+#define RT_FEATURE_SKY 0x100u      /* a sky that is not black */
+#define RT_FEATURE_GRADIENT 0x200u /* a sky that changes with height */
+#define RT_FEATURE_WIDE 0x400u     /* spheres much larger than the smallest: the near-surface form of the test */
+#define RT_FEATURE_PERMUTED 0x800u /* spheres stored in another order than their ids */
 #define RT_FEATURE_ALL 0xfffu
 
 /* X(bit, name, what it is), lowest bit first: for printing */
-#define RT_FEATURE_LIST(X)                                                                             \
-	X(RT_FEATURE_LAMBERTIAN, "lambertian", "diffuse surfaces")                                         \
-	X(RT_FEATURE_METAL, "metal", "mirrors")                                                            \
-	X(RT_FEATURE_FUZZ, "fuzz", "metal whose reflection is spread")                                     \
-	X(RT_FEATURE_DIELECTRIC, "dielectric", "refraction and Fresnel reflection")                        \
-	X(RT_FEATURE_EMISSION, "emission", "surfaces that emit")                                           \
-	X(RT_FEATURE_CHECKER, "checker", "checker textures")                                               \
-	X(RT_FEATURE_IMAGE, "image", "image textures")                                                     \
-	X(RT_FEATURE_DEFOCUS, "defocus", "thin lens")                                                      \
-	X(RT_FEATURE_SKY, "sky", "a sky that is not black")                                                \
-	X(RT_FEATURE_GRADIENT, "gradient", "a sky that changes with height")                               \
-	X(RT_FEATURE_WIDE, "wide", "spheres much larger than the smallest")                                \
+#define RT_FEATURE_LIST(X)                                                      \
+	X(RT_FEATURE_LAMBERTIAN, "lambertian", "diffuse surfaces")                  \
+	X(RT_FEATURE_METAL, "metal", "mirrors")                                     \
+	X(RT_FEATURE_FUZZ, "fuzz", "metal whose reflection is spread")              \
+	X(RT_FEATURE_DIELECTRIC, "dielectric", "refraction and Fresnel reflection") \
+	X(RT_FEATURE_EMISSION, "emission", "surfaces that emit")                    \
+	X(RT_FEATURE_CHECKER, "checker", "checker textures")                        \
+	X(RT_FEATURE_IMAGE, "image", "image textures")                              \
+	X(RT_FEATURE_DEFOCUS, "defocus", "thin lens")                               \
+	X(RT_FEATURE_SKY, "sky", "a sky that is not black")                         \
+	X(RT_FEATURE_GRADIENT, "gradient", "a sky that changes with height")        \
+	X(RT_FEATURE_WIDE, "wide", "spheres much larger than the smallest")         \
 	X(RT_FEATURE_PERMUTED, "permuted", "spheres stored in another order than their ids")
 
 #ifndef RT_FEATURES

@@ -74,11 +74,11 @@ typedef struct rt_scene {
 	float film_scale_high; /* 2^(f - 20) */
 	float radiance_limit;  /* a sample above it is rejected and counted */
 	float reserved7;
-	rt_u32 width, height;               /* of the whole image, pixels */
-	rt_u32 window_x, window_y;          /* the part that is rendered */
+	rt_u32 width, height;      /* of the whole image, pixels */
+	rt_u32 window_x, window_y; /* the part that is rendered */
 	rt_u32 window_width, window_height;
 	rt_u32 seed, max_depth;
-	rt_u32 sphere_count, wide_count;    /* wide spheres have the ids [0, wide_count) */
+	rt_u32 sphere_count, wide_count; /* wide spheres have the ids [0, wide_count) */
 	rt_u32 reserved8, reserved9;
 } rt_scene;
 RT_STATIC_ASSERT(sizeof(rt_scene) == 176, scene);

@@ -1,9 +1,9 @@
 /* film.h: radiance to integers (contract rule 15).
  *
  * A channel's radiance v becomes the integer round-half-even(v 2^f). It may have 41 bits, so it is kept as
- * high 2^20 + low with |low| <= 2^19: high = round(v 2^(f - 20)), low = round(v 2^f - high 2^20), where the difference is
- * exact. Adding 1.5 2^23 to a float leaves the rounded integer in its low bits; those bits are summed as they are and
- * the constant is taken off at the end. RT_MAX_SAMPLES_PER_LAUNCH keeps both 32-bit sums from overflowing.
+ * high 2^20 + low with |low| <= 2^19: high = round(v 2^(f - 20)), low = round(v 2^f - high 2^20), where the difference
+ * is exact. Adding 1.5 2^23 to a float leaves the rounded integer in its low bits; those bits are summed as they are
+ * and the constant is taken off at the end. RT_MAX_SAMPLES_PER_LAUNCH keeps both 32-bit sums from overflowing.
  */
 #ifndef RT_FILM_H
 #define RT_FILM_H
@@ -60,8 +60,8 @@ RT_FN rt_film_sum rt_film_add(RT_GLOBAL const rt_scene* RT_RESTRICT scene, rt_fi
 	return sum;
 }
 
-/* The integer that `samples` additions to a channel of one lane make. The high sum is never negative and may need all 32
- * bits: 2^21 for each of 2^10 samples at the limit. */
+/* The integer that `samples` additions to a channel of one lane make. The high sum is never negative and may need all
+ * 32 bits: 2^21 for each of 2^10 samples at the limit. */
 RT_FN rt_i64 rt_channel_total(rt_u32 high, rt_u32 low, rt_u32 samples)
 {
 	rt_u32 bias = samples * RT_FILM_MAGIC_BITS;

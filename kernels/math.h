@@ -67,10 +67,7 @@ RT_FN rt_float rt_rcp(rt_float x) { return rt_native_rcp(x); }
 #endif
 
 /* sqrt(x), correctly rounded, for x > 2^-100; 0 for everything else, NaN included. */
-RT_FN rt_float rt_sqrt(rt_float x)
-{
-	return rt_sel(x > rt_splat(RT_MIN_SQUARE), rt_root(x), rt_splat(0.0f));
-}
+RT_FN rt_float rt_sqrt(rt_float x) { return rt_sel(x > rt_splat(RT_MIN_SQUARE), rt_root(x), rt_splat(0.0f)); }
 
 /* The smaller and the larger; b where either is NaN. */
 RT_FN rt_float rt_min(rt_float a, rt_float b) { return rt_sel(a < b, a, b); }

@@ -101,8 +101,9 @@ RT_FN rt_mask rt_path_scatter(rt_scene_view view, RT_PRIVATE rt_path* path, rt_h
 	rt_mask ended = RT_FALSE;
 
 #if RT_HAS(RT_FEATURE_EMISSION)
-	rt_vec3 emission = v3(RT_GATHER_F(view.materials, material, .emission_r), RT_GATHER_F(view.materials, material, .emission_g),
-	                      RT_GATHER_F(view.materials, material, .emission_b));
+	rt_vec3 emission =
+	    v3(RT_GATHER_F(view.materials, material, .emission_r), RT_GATHER_F(view.materials, material, .emission_g),
+	       RT_GATHER_F(view.materials, material, .emission_b));
 	rt_vec3 lit = v3(rt_fma(path->throughput.x, emission.x, path->radiance.x),
 	                 rt_fma(path->throughput.y, emission.y, path->radiance.y),
 	                 rt_fma(path->throughput.z, emission.z, path->radiance.z));
@@ -166,8 +167,9 @@ RT_FN rt_mask rt_path_scatter(rt_scene_view view, RT_PRIVATE rt_path* path, rt_h
 	ended = ended | (mirror & rt_not(v3_dot(direction, n) > rt_splat(0.0f)));
 
 	/* Weigh it. */
-	rt_vec3 albedo = v3(RT_GATHER_F(view.materials, material, .albedo_r), RT_GATHER_F(view.materials, material, .albedo_g),
-	                    RT_GATHER_F(view.materials, material, .albedo_b));
+	rt_vec3 albedo =
+	    v3(RT_GATHER_F(view.materials, material, .albedo_r), RT_GATHER_F(view.materials, material, .albedo_g),
+	       RT_GATHER_F(view.materials, material, .albedo_b));
 #if RT_HAS(RT_FEATURE_CHECKER) || RT_HAS(RT_FEATURE_IMAGE)
 	rt_uint texture = RT_GATHER_U(view.materials, material, .texture);
 	rt_mask textured = texture != rt_splat_u(RT_NO_TEXTURE);
@@ -178,7 +180,8 @@ RT_FN rt_mask rt_path_scatter(rt_scene_view view, RT_PRIVATE rt_path* path, rt_h
 	}
 #endif
 	rt_vec3 throughput = v3_mul(path->throughput, albedo);
-	throughput = v3(rt_flush_throughput(throughput.x), rt_flush_throughput(throughput.y), rt_flush_throughput(throughput.z));
+	throughput =
+	    v3(rt_flush_throughput(throughput.x), rt_flush_throughput(throughput.y), rt_flush_throughput(throughput.z));
 	ended = ended | rt_not(rt_max(throughput.x, rt_max(throughput.y, throughput.z)) > rt_splat(0.0f));
 
 	/* Leave the surface. */
@@ -188,7 +191,8 @@ RT_FN rt_mask rt_path_scatter(rt_scene_view view, RT_PRIVATE rt_path* path, rt_h
 	leaving.reach = surface.reach;
 	leaving.dir = direction;
 	leaving.from = index;
-	leaving.chord = rt_sel(inward, (surface.radius + surface.radius) * -v3_dot(surface.normal, direction), rt_splat(-1.0f));
+	leaving.chord =
+	    rt_sel(inward, (surface.radius + surface.radius) * -v3_dot(surface.normal, direction), rt_splat(-1.0f));
 	path->ray = rt_ray_sel(shade, leaving, path->ray);
 	path->throughput = v3_sel(shade, throughput, path->throughput);
 	path->depth = rt_sel(shade, path->depth + 1, path->depth);
@@ -208,7 +212,8 @@ RT_FN rt_film_sum rt_trace_pixels(rt_scene_view view, rt_uint x, rt_uint y, rt_m
 	rt_path path = rt_path_start(view, x, y, sample);
 
 	while (rt_vote_any(live)) {
-		RT_IF_ONE_LANE (live) {
+		RT_IF_ONE_LANE(live)
+		{
 			rt_hit hit = rt_closest_hit(view.scene, view.spheres, view.wide, view.sphere_ids, path.ray);
 			rt_mask met = hit.index >= rt_splat_i(0);
 			rt_mask missed = live & rt_not(met);

@@ -9,20 +9,21 @@
 #define RT_PROBE_SUBTRACT 1u
 #define RT_PROBE_MULTIPLY 2u
 #define RT_PROBE_FMA 3u
-#define RT_PROBE_ROOT 4u       /* rt_sqrt */
-#define RT_PROBE_RECIPROCAL 5u /* rt_rcp */
-#define RT_PROBE_COMPARE 6u    /* < <= > >= == of floats, one bit each; rt_min, whose NaN behaviour is ours */
-#define RT_PROBE_TO_FLOAT 7u   /* int to float */
-#define RT_PROBE_TO_INT 8u     /* float to int, truncated, |a| < 2^31 */
-#define RT_PROBE_SHIFT 9u      /* a >> (b & 31), a << (b & 31) */
-#define RT_PROBE_INTEGER 10u   /* a * b + c, a ^ (b - c), both modulo 2^32 */
-#define RT_PROBE_LONG_ADD 11u  /* (c 2^32 + a) + (c 2^32 + b) in 64 bits */
+#define RT_PROBE_ROOT 4u           /* rt_sqrt */
+#define RT_PROBE_RECIPROCAL 5u     /* rt_rcp */
+#define RT_PROBE_COMPARE 6u        /* < <= > >= == of floats, one bit each; rt_min, whose NaN behaviour is ours */
+#define RT_PROBE_TO_FLOAT 7u       /* int to float */
+#define RT_PROBE_TO_INT 8u         /* float to int, truncated, |a| < 2^31 */
+#define RT_PROBE_SHIFT 9u          /* a >> (b & 31), a << (b & 31) */
+#define RT_PROBE_INTEGER 10u       /* a * b + c, a ^ (b - c), both modulo 2^32 */
+#define RT_PROBE_LONG_ADD 11u      /* (c 2^32 + a) + (c 2^32 + b) in 64 bits */
 #define RT_PROBE_LONG_MULTIPLY 12u /* a * b, 32 x 32 -> 64 bits */
 #define RT_PROBE_SINCOS 13u
 #define RT_PROBE_ATAN2 14u
-#define RT_PROBE_RANDOM 15u    /* first and last of rt_random(a fixed seed, pixel a, sample b, block c) */
-#define RT_PROBE_BARE 17u /* a * b + c as no kernel writes it: shows whether the compiler fuses. Not asked by the self-test */
-#define RT_PROBE_FILM 16u      /* radiance to integer: rt_channel_add and rt_channel_total with scale 2^40 */
+#define RT_PROBE_RANDOM 15u /* first and last of rt_random(a fixed seed, pixel a, sample b, block c) */
+#define RT_PROBE_BARE \
+	17u /* a * b + c as no kernel writes it: shows whether the compiler fuses. Not asked by the self-test */
+#define RT_PROBE_FILM 16u /* radiance to integer: rt_channel_add and rt_channel_total with scale 2^40 */
 
 /* One 32x32->64 product or 64-bit sum a lane: scalars, as in rt_channel_total. */
 RT_FN rt_u64 rt_probe_long(rt_u32 operation, rt_u32 a, rt_u32 b, rt_u32 c)
@@ -34,9 +35,9 @@ RT_FN rt_u64 rt_probe_long(rt_u32 operation, rt_u32 a, rt_u32 b, rt_u32 c)
 }
 
 /* out: 2 words an item. */
-RT_KERNEL(rt_probe)(RT_GLOBAL const rt_u32* RT_RESTRICT as, RT_GLOBAL const rt_u32* RT_RESTRICT bs,
-                    RT_GLOBAL const rt_u32* RT_RESTRICT cs, RT_GLOBAL rt_u32* RT_RESTRICT out, rt_u32 operation,
-                    rt_u32 count)
+RT_KERNEL(rt_probe)
+(RT_GLOBAL const rt_u32* RT_RESTRICT as, RT_GLOBAL const rt_u32* RT_RESTRICT bs, RT_GLOBAL const rt_u32* RT_RESTRICT cs,
+ RT_GLOBAL rt_u32* RT_RESTRICT out, rt_u32 operation, rt_u32 count)
 {
 	rt_uint item = RT_GLOBAL_ID * RT_LANES + rt_lane_ids();
 	rt_uint index = rt_sel(item < rt_splat_u(count), item, rt_splat_u(0u));
@@ -140,7 +141,7 @@ RT_KERNEL(rt_probe)(RT_GLOBAL const rt_u32* RT_RESTRICT as, RT_GLOBAL const rt_u
 /* Sizes and member offsets of the shared structs, in the order of RT_LAYOUT_LIST, by one work-item. `memory` is only
  * pointed into, never read. */
 #define RT_PROBE_SIZE(type) out[n++] = (rt_u32)sizeof(type);
-#define RT_PROBE_OFFSET(type, member)                                                                  \
+#define RT_PROBE_OFFSET(type, member) \
 	out[n++] = (rt_u32)((RT_GLOBAL char*)&((RT_GLOBAL type*)memory)->member - (RT_GLOBAL char*)memory);
 
 RT_KERNEL(rt_probe_layout)(RT_GLOBAL rt_scene* RT_RESTRICT memory, RT_GLOBAL rt_u32* RT_RESTRICT out)

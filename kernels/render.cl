@@ -8,16 +8,16 @@
 #define RT_TILE_WIDTH 8u
 #define RT_TILE_PIXELS 32u
 
-/* film: window_width x (rows of the window), row-major. The launch covers rows [first_row, first_row + row_count) of the
- * window and samples [first_sample, first_sample + sample_count), sample_count <= RT_MAX_SAMPLES_PER_LAUNCH. Work-items
- * beyond the tiles do nothing. */
-RT_KERNEL(rt_render)(RT_GLOBAL const rt_scene* RT_RESTRICT scene, RT_GLOBAL const rt_sphere* RT_RESTRICT spheres,
-                     RT_GLOBAL const rt_wide* RT_RESTRICT wide, RT_GLOBAL const rt_u32* RT_RESTRICT sphere_ids,
-                     RT_GLOBAL const rt_u32* RT_RESTRICT sphere_materials,
-                     RT_GLOBAL const rt_material* RT_RESTRICT materials,
-                     RT_GLOBAL const rt_texture* RT_RESTRICT textures, RT_GLOBAL const rt_u32* RT_RESTRICT texels,
-                     RT_GLOBAL rt_film_pixel* RT_RESTRICT film, rt_u32 first_row, rt_u32 row_count, rt_u32 first_sample,
-                     rt_u32 sample_count)
+/* film: window_width x (rows of the window), row-major. The launch covers rows [first_row, first_row + row_count) of
+ * the window and samples [first_sample, first_sample + sample_count), sample_count <= RT_MAX_SAMPLES_PER_LAUNCH.
+ * Work-items beyond the tiles do nothing. */
+RT_KERNEL(rt_render)
+(RT_GLOBAL const rt_scene* RT_RESTRICT scene, RT_GLOBAL const rt_sphere* RT_RESTRICT spheres,
+ RT_GLOBAL const rt_wide* RT_RESTRICT wide, RT_GLOBAL const rt_u32* RT_RESTRICT sphere_ids,
+ RT_GLOBAL const rt_u32* RT_RESTRICT sphere_materials, RT_GLOBAL const rt_material* RT_RESTRICT materials,
+ RT_GLOBAL const rt_texture* RT_RESTRICT textures, RT_GLOBAL const rt_u32* RT_RESTRICT texels,
+ RT_GLOBAL rt_film_pixel* RT_RESTRICT film, rt_u32 first_row, rt_u32 row_count, rt_u32 first_sample,
+ rt_u32 sample_count)
 {
 	rt_scene_view view;
 	view.scene = scene;

@@ -1,14 +1,15 @@
 /* sphere.h: rays, and where they meet spheres.
  *
- * A ray's origin is kept as base + reach arm: the centre, radius and unit normal of the sphere it leaves (or the camera,
- * 1 and a point of the lens). Differences of centres are then formed before anything small is added to them, by one fma.
+ * A ray's origin is kept as base + reach arm: the centre, radius and unit normal of the sphere it leaves (or the
+ * camera, 1 and a point of the lens). Differences of centres are then formed before anything small is added to them, by
+ * one fma.
  *
  * There is no epsilon. A ray that leaves a sphere outward skips that sphere; one that leaves inward can meet of it only
  * the far point, at t = -2 r (n . d), its chord (contract rule 10). All tests are written so that NaN means miss.
  *
  * With m = c - o, b = m . d, l = m - b d (the foot of the perpendicular): D = r^2 - |l|^2 keeps its digits when the
- * sphere is far away (Hearn and Baker; Haines, Gunther and Akenine-Moller 2019, Ray Tracing Gems 7). One more projection
- * (b2 = l . d, "twice is enough") removes what rounding of b left in l.
+ * sphere is far away (Hearn and Baker; Haines, Gunther and Akenine-Moller 2019, Ray Tracing Gems 7). One more
+ * projection (b2 = l . d, "twice is enough") removes what rounding of b left in l.
  *
  * A wide sphere (RT_WIDE_RATIO times the smallest or more) is mostly seen from close by, where C = |m|^2 - r^2 is the
  * difference of huge numbers. Seen from the camera C is known to twice the precision (rt_wide), and
@@ -140,9 +141,9 @@ RT_FN rt_hit rt_closest_hit(RT_GLOBAL const rt_scene* RT_RESTRICT scene, RT_GLOB
 	rt_float origin_square = v3_dot(origin, origin);
 	for (; i < RT_WIDE_COUNT(scene); ++i) {
 		rt_mask met;
-		rt_float t = rt_wide_distance(v3_splat(spheres[i].cx, spheres[i].cy, spheres[i].cz), rt_splat(spheres[i].radius),
-		                              rt_splat(wide[i].c0_high), rt_splat(wide[i].c0_low), ray, origin, origin_square,
-		                              ray.from == rt_splat_i((rt_i32)i), &met);
+		rt_float t = rt_wide_distance(v3_splat(spheres[i].cx, spheres[i].cy, spheres[i].cz),
+		                              rt_splat(spheres[i].radius), rt_splat(wide[i].c0_high), rt_splat(wide[i].c0_low),
+		                              ray, origin, origin_square, ray.from == rt_splat_i((rt_i32)i), &met);
 		hit = rt_hit_nearer(hit, t, met, i, sphere_ids);
 	}
 #endif
@@ -186,7 +187,8 @@ RT_FN rt_surface rt_sphere_surface(RT_GLOBAL const rt_scene* RT_RESTRICT scene,
 #if RT_HAS(RT_FEATURE_WIDE)
 	/* On a wide sphere near the camera the ray's own point is finer than steps of ulp(radius). */
 	rt_vec3 point = v3_fma(t, ray.dir, rt_ray_origin(ray));
-	rt_mask near_camera = (index < rt_splat_i((rt_i32)RT_WIDE_COUNT(scene))) & (v3_dot(point, point) < s.radius * s.radius);
+	rt_mask near_camera =
+	    (index < rt_splat_i((rt_i32)RT_WIDE_COUNT(scene))) & (v3_dot(point, point) < s.radius * s.radius);
 	use_direct = use_direct | near_camera;
 #endif
 	from_center = v3_sel(use_direct, direct, from_center);

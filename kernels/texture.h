@@ -13,7 +13,8 @@
 
 #if RT_HAS(RT_FEATURE_CHECKER) || RT_HAS(RT_FEATURE_IMAGE)
 
-/* floor(x) of a coordinate >= 0 as an index in [0, count - 1]; the cast is of a number within range (contract rule 16). */
+/* floor(x) of a coordinate >= 0 as an index in [0, count - 1]; the cast is of a number within range (contract rule 16).
+ */
 RT_FN rt_int rt_cell(rt_float x, rt_float count)
 {
 	rt_float last = count - 1.0f;
@@ -26,7 +27,7 @@ RT_FN rt_vec3 rt_texture_color(RT_GLOBAL const rt_texture* RT_RESTRICT textures,
                                RT_GLOBAL const rt_u32* RT_RESTRICT texels, rt_int index, rt_vec3 n)
 {
 	rt_vec3 color = v3_splat(0.0f, 0.0f, 0.0f);
-	rt_float around = rt_atan2_turns(-n.z, n.x); /* u - 1/2 */
+	rt_float around = rt_atan2_turns(-n.z, n.x);                                 /* u - 1/2 */
 	rt_float height = rt_atan2_turns(n.y, rt_sqrt(rt_fma(n.x, n.x, n.z * n.z))); /* (v - 1/2) / 2 */
 	rt_mask pole = (n.x == rt_splat(0.0f)) & (n.z == rt_splat(0.0f));
 	rt_float u = rt_sel(pole, rt_splat(0.0f), around + 0.5f);

@@ -13,10 +13,7 @@ constexpr std::size_t longest_word = 64;
 constexpr std::size_t most_names_shown = 16;
 constexpr std::size_t longest_quote = 80;
 
-char lower(char c)
-{
-	return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-}
+char lower(char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; }
 
 // Edit distance with insertion, deletion, substitution and exchange of neighbours (Damerau 1964, Levenshtein 1966, in
 // the restricted form), by three rows of the table.

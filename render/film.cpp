@@ -20,10 +20,7 @@ struct OddRounded {
 	int exponent;
 };
 
-int bit_width(std::uint64_t value)
-{
-	return value == 0 ? 0 : 64 - __builtin_clzll(value);
-}
+int bit_width(std::uint64_t value) { return value == 0 ? 0 : 64 - __builtin_clzll(value); }
 
 OddRounded divide_to_odd(std::uint64_t sum, std::uint32_t samples)
 {
@@ -72,10 +69,7 @@ Film::Film(std::uint32_t image_width, std::uint32_t image_height, Window window,
 {
 }
 
-bool Film::is_even() const
-{
-	return min_samples() == max_samples();
-}
+bool Film::is_even() const { return min_samples() == max_samples(); }
 
 std::uint32_t Film::min_samples() const
 {

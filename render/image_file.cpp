@@ -39,10 +39,7 @@ struct Extension {
 const Extension extensions[] = {
     {"png", ImageFormat::Png}, {"exr", ImageFormat::Exr}, {"pfm", ImageFormat::Pfm}, {"rtfilm", ImageFormat::RtFilm}};
 
-void append(Bytes& bytes, std::string_view text)
-{
-	bytes.insert(bytes.end(), text.begin(), text.end());
-}
+void append(Bytes& bytes, std::string_view text) { bytes.insert(bytes.end(), text.begin(), text.end()); }
 
 // ---- provenance as text that every format can hold ----
 

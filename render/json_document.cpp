@@ -45,10 +45,7 @@ private:
 	const char** consumed_;
 };
 
-bool is_space(char c)
-{
-	return c == ' ' || c == '\t' || c == '\n' || c == '\r';
-}
+bool is_space(char c) { return c == ' ' || c == '\t' || c == '\n' || c == '\r'; }
 
 // What nlohmann says, without its error numbers and its own account of the position.
 std::string reason_of(const char* what)
@@ -314,45 +311,21 @@ std::string JsonDocument::path(std::uint32_t index) const
 	return path(node.parent) + fmt::format("[{}]", position);
 }
 
-JsonValue::Kind JsonValue::kind() const
-{
-	return document_->nodes_[index_].kind;
-}
+JsonValue::Kind JsonValue::kind() const { return document_->nodes_[index_].kind; }
 
-double JsonValue::number() const
-{
-	return document_->nodes_[index_].number;
-}
+double JsonValue::number() const { return document_->nodes_[index_].number; }
 
-const std::string& JsonValue::text() const
-{
-	return document_->strings_[document_->nodes_[index_].count];
-}
+const std::string& JsonValue::text() const { return document_->strings_[document_->nodes_[index_].count]; }
 
-std::uint32_t JsonValue::line() const
-{
-	return document_->nodes_[index_].line;
-}
+std::uint32_t JsonValue::line() const { return document_->nodes_[index_].line; }
 
-const std::string& JsonValue::key() const
-{
-	return document_->strings_[document_->nodes_[index_].key];
-}
+const std::string& JsonValue::key() const { return document_->strings_[document_->nodes_[index_].key]; }
 
-std::uint32_t JsonValue::key_line() const
-{
-	return document_->nodes_[index_].key_line;
-}
+std::uint32_t JsonValue::key_line() const { return document_->nodes_[index_].key_line; }
 
-std::string JsonValue::path() const
-{
-	return document_->path(index_);
-}
+std::string JsonValue::path() const { return document_->path(index_); }
 
-std::size_t JsonValue::size() const
-{
-	return document_->nodes_[index_].count;
-}
+std::size_t JsonValue::size() const { return document_->nodes_[index_].count; }
 
 std::vector<JsonValue> JsonValue::children() const
 {

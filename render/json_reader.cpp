@@ -74,15 +74,9 @@ bool JsonReader::object(JsonValue value, const std::vector<std::string>& keys)
 	return true;
 }
 
-bool JsonReader::object_of_any(JsonValue value)
-{
-	return expect(value, JsonValue::Kind::Object, "an object");
-}
+bool JsonReader::object_of_any(JsonValue value) { return expect(value, JsonValue::Kind::Object, "an object"); }
 
-bool JsonReader::array(JsonValue value, const char* of_what)
-{
-	return expect(value, JsonValue::Kind::Array, of_what);
-}
+bool JsonReader::array(JsonValue value, const char* of_what) { return expect(value, JsonValue::Kind::Array, of_what); }
 
 std::optional<JsonValue> JsonReader::member(JsonValue object, const char* key)
 {

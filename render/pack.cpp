@@ -67,8 +67,11 @@ double largest(const Vec3d& v) { return std::max({v[0], v[1], v[2]}); }
 
 Error out_of_range(std::string what, double value, std::string cure)
 {
-	return Error{ErrorKind::Usage, fmt::format("{} is {:g}, outside the range in which rt keeps its promise", what, value),
-	             {}, std::move(cure), {}};
+	return Error{ErrorKind::Usage,
+	             fmt::format("{} is {:g}, outside the range in which rt keeps its promise", what, value),
+	             {},
+	             std::move(cure),
+	             {}};
 }
 
 // ---- camera ----
@@ -194,7 +197,8 @@ Status check_sphere(std::size_t index, const Vec3d& center, double radius)
 	const double distance = std::sqrt(dot(center, center));
 	const std::string which = fmt::format("sphere {}", index);
 	if (!(radius >= RT_MIN_LENGTH && radius <= RT_MAX_LENGTH))
-		return out_of_range(which + "'s radius", radius, "choose units in which radii lie in [2^-30, 2^30] (1e-9 to 1e9)");
+		return out_of_range(which + "'s radius", radius,
+		                    "choose units in which radii lie in [2^-30, 2^30] (1e-9 to 1e9)");
 	if (!(distance <= RT_MAX_LENGTH))
 		return out_of_range(which + "'s distance from the camera", distance, "keep it below 2^30 (1e9)");
 	if (!(distance <= RT_MAX_DISTANCE_IN_RADII * radius))
@@ -266,7 +270,8 @@ std::uint32_t features_of(const Scene& scene, const PackedScene& packed)
 		if (material.kind == RT_MATERIAL_DIELECTRIC)
 			features |= RT_FEATURE_DIELECTRIC;
 		if (material.texture != RT_NO_TEXTURE)
-			features |= packed.textures[material.texture].kind == RT_TEXTURE_IMAGE ? RT_FEATURE_IMAGE : RT_FEATURE_CHECKER;
+			features |=
+			    packed.textures[material.texture].kind == RT_TEXTURE_IMAGE ? RT_FEATURE_IMAGE : RT_FEATURE_CHECKER;
 	}
 	if (scene.camera.aperture > 0)
 		features |= RT_FEATURE_DEFOCUS;
@@ -328,10 +333,15 @@ Result<PackedScene> pack_scene(const Scene& scene, const RenderSettings& setting
 		return Error{ErrorKind::Usage,
 		             fmt::format("the part to render, {}x{} at ({}, {}), does not lie in the image of {}x{} pixels",
 		                         window.width, window.height, window.x, window.y, settings.width, settings.height),
-		             {}, "choose a part within the image", {}};
+		             {},
+		             "choose a part within the image",
+		             {}};
 	if (settings.samples > RT_MAX_SAMPLES)
-		return Error{ErrorKind::Usage, fmt::format("{} samples a pixel could overflow the film's sums", settings.samples),
-		             {}, fmt::format("use at most {}", RT_MAX_SAMPLES), {}};
+		return Error{ErrorKind::Usage,
+		             fmt::format("{} samples a pixel could overflow the film's sums", settings.samples),
+		             {},
+		             fmt::format("use at most {}", RT_MAX_SAMPLES),
+		             {}};
 
 	const ContractFloatEnvironment environment;
 	PackedScene packed;
@@ -379,8 +389,8 @@ PackedScene permute_spheres(const PackedScene& packed, const std::vector<std::ui
 std::vector<std::string> feature_names(std::uint32_t features)
 {
 	std::vector<std::string> names;
-#define RT_FEATURE_NAME(bit, name, what)                                                                               \
-	if ((features & (bit)) != 0)                                                                                       \
+#define RT_FEATURE_NAME(bit, name, what) \
+	if ((features & (bit)) != 0)         \
 		names.emplace_back(name);
 	RT_FEATURE_LIST(RT_FEATURE_NAME)
 #undef RT_FEATURE_NAME

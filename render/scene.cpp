@@ -12,15 +12,9 @@ namespace rt {
 
 namespace {
 
-double square_length(const Vec3d& v)
-{
-	return std::fma(v[0], v[0], std::fma(v[1], v[1], v[2] * v[2]));
-}
+double square_length(const Vec3d& v) { return std::fma(v[0], v[0], std::fma(v[1], v[1], v[2] * v[2])); }
 
-Vec3d difference(const Vec3d& a, const Vec3d& b)
-{
-	return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-}
+Vec3d difference(const Vec3d& a, const Vec3d& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
 
 Vec3d cross(const Vec3d& a, const Vec3d& b)
 {
@@ -30,10 +24,7 @@ Vec3d cross(const Vec3d& a, const Vec3d& b)
 
 // --- interpolation ---
 
-double lerp(double a, double b, double t)
-{
-	return std::fma(t, b - a, a);
-}
+double lerp(double a, double b, double t) { return std::fma(t, b - a, a); }
 
 // A coordinate that passes through zero may come out as a rounding residue, which no length of the contract may be.
 double lerp_coordinate(double a, double b, double t)
@@ -125,10 +116,7 @@ private:
 
 } // namespace
 
-double distance(const Vec3d& a, const Vec3d& b)
-{
-	return std::sqrt(square_length(difference(a, b)));
-}
+double distance(const Vec3d& a, const Vec3d& b) { return std::sqrt(square_length(difference(a, b))); }
 
 bool NumberRange::contains(double value) const
 {

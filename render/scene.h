@@ -36,11 +36,11 @@ struct Texture {
 	enum class Kind { Checker, Image };
 	std::string name;
 	Kind kind = Kind::Checker;
-	double size = 0.1;                  // checker: width of a square in units of u and v
-	Vec3d even{1, 1, 1}, odd{0, 0, 0};  // checker
-	std::uint32_t width = 0, height = 0;// image
-	std::vector<std::uint32_t> texels;  // image: 0x00BBGGRR, 8-bit sRGB, row 0 is the top (v = 1)
-	std::string file;                   // image: resolved path
+	double size = 0.1;                   // checker: width of a square in units of u and v
+	Vec3d even{1, 1, 1}, odd{0, 0, 0};   // checker
+	std::uint32_t width = 0, height = 0; // image
+	std::vector<std::uint32_t> texels;   // image: 0x00BBGGRR, 8-bit sRGB, row 0 is the top (v = 1)
+	std::string file;                    // image: resolved path
 };
 
 struct Material {

@@ -49,12 +49,12 @@ std::uint64_t available_host_bytes()
 // ---- the work of one page: rows x samples, handed out in launches ----
 
 struct Work {
-	std::uint32_t first_row = 0, rows = 0;       // within the page
+	std::uint32_t first_row = 0, rows = 0; // within the page
 	std::uint32_t first_sample = 0, samples = 0;
 };
 
-// Hands out a page's work. A pass is a range of samples over all rows; a worker that finds an unfinished pass takes rows
-// of it, otherwise it opens the next pass with as many samples as it manages in one launch.
+// Hands out a page's work. A pass is a range of samples over all rows; a worker that finds an unfinished pass takes
+// rows of it, otherwise it opens the next pass with as many samples as it manages in one launch.
 class WorkQueue {
 public:
 	WorkQueue(std::uint32_t width, std::uint32_t rows, std::uint32_t first_sample, std::uint32_t samples,
@@ -255,12 +255,14 @@ private:
 	Status upload_list(BufferHandle& buffer, const std::vector<T>& list)
 	{
 		const T nothing{};
-		return list.empty() ? upload(buffer, &nothing, sizeof nothing) : upload(buffer, list.data(), list.size() * sizeof(T));
+		return list.empty() ? upload(buffer, &nothing, sizeof nothing)
+		                    : upload(buffer, list.data(), list.size() * sizeof(T));
 	}
 
 	Status clear_page()
 	{
-		const std::vector<rt_film_pixel> zeros(std::min<std::size_t>(page_pixels_, std::size_t(1) << 18), rt_film_pixel{});
+		const std::vector<rt_film_pixel> zeros(std::min<std::size_t>(page_pixels_, std::size_t(1) << 18),
+		                                       rt_film_pixel{});
 		for (std::size_t first = 0; first < page_pixels_; first += zeros.size()) {
 			const std::size_t count = std::min(zeros.size(), page_pixels_ - first);
 			RT_TRY(device_->write(film_, first * sizeof(rt_film_pixel), zeros.data(), count * sizeof(rt_film_pixel)));
@@ -350,16 +352,20 @@ Status check_memory(const PackedScene& packed, const std::vector<DeviceHandle>& 
 	const std::uint64_t host = host_bytes_needed(packed), free_host = available_host_bytes();
 	if (free_host && host > free_host)
 		return Error{ErrorKind::Memory,
-		             fmt::format("the film needs {:.0f} MiB of host memory and {:.0f} MiB are free", double(host) / mebibyte,
-		                         double(free_host) / mebibyte),
-		             {}, "render a smaller image, or parts of it with --crop", {}};
+		             fmt::format("the film needs {:.0f} MiB of host memory and {:.0f} MiB are free",
+		                         double(host) / mebibyte, double(free_host) / mebibyte),
+		             {},
+		             "render a smaller image, or parts of it with --crop",
+		             {}};
 	const std::uint64_t needed = device_bytes_needed(packed);
 	for (const DeviceHandle& device : devices)
 		if (device->info().memory_bytes && needed > device->info().memory_bytes)
 			return Error{ErrorKind::Memory,
 			             fmt::format("the render needs {:.0f} MiB of device memory and the device has {:.0f} MiB",
 			                         double(needed) / mebibyte, double(device->info().memory_bytes) / mebibyte),
-			             device->info().name, "choose a device with more memory, or a smaller scene", {}};
+			             device->info().name,
+			             "choose a device with more memory, or a smaller scene",
+			             {}};
 	return success();
 }
 

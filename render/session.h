@@ -27,18 +27,18 @@ struct Progress {
 struct SessionOptions {
 	std::uint32_t first_sample = 0; // samples [first_sample, first_sample + samples) are taken
 	std::uint32_t samples = 1;
-	bool specialise = true;      // compile for the scene's features and sphere count; false: the generic program
-	bool software_roots = false; // our own square root and reciprocal even where the device's are proven
-	bool allow_contraction = false; // the compiler may fuse products and sums; it finds none (tests of rule 3)
-	std::uint32_t lanes = 0;     // 0: the device's native width
-	std::uint32_t group_size = 0;       // 0: the backend's choice
-	std::uint32_t rows_per_launch = 0;  // 0: chosen by time
+	bool specialise = true;            // compile for the scene's features and sphere count; false: the generic program
+	bool software_roots = false;       // our own square root and reciprocal even where the device's are proven
+	bool allow_contraction = false;    // the compiler may fuse products and sums; it finds none (tests of rule 3)
+	std::uint32_t lanes = 0;           // 0: the device's native width
+	std::uint32_t group_size = 0;      // 0: the backend's choice
+	std::uint32_t rows_per_launch = 0; // 0: chosen by time
 	std::uint32_t samples_per_launch = 0;
 	const std::atomic<bool>* stop = nullptr; // when true, the launch in flight is finished and the film so far returned
-	std::function<void(const Progress&)> progress;               // one call at a time, about ten a second
-	std::function<void(const std::string&)> status;              // "compiling the kernel for ..."
-	std::function<bool()> snapshot_wanted;                       // polled between launches
-	std::function<void(const Film&)> snapshot;                   // gets the film so far
+	std::function<void(const Progress&)> progress;  // one call at a time, about ten a second
+	std::function<void(const std::string&)> status; // "compiling the kernel for ..."
+	std::function<bool()> snapshot_wanted;          // polled between launches
+	std::function<void(const Film&)> snapshot;      // gets the film so far
 };
 
 struct DeviceStats {

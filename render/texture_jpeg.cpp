@@ -23,10 +23,7 @@ struct JpegErrors {
 	char message[JMSG_LENGTH_MAX];
 };
 
-JpegErrors* errors_of(j_common_ptr jpeg)
-{
-	return reinterpret_cast<JpegErrors*>(jpeg->err);
-}
+JpegErrors* errors_of(j_common_ptr jpeg) { return reinterpret_cast<JpegErrors*>(jpeg->err); }
 
 [[noreturn]] void fail(j_common_ptr jpeg)
 {

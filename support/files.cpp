@@ -296,10 +296,7 @@ Status write_file(const std::string& path, const void* data, std::size_t bytes)
 	return replace_file(target, data, bytes, &info);
 }
 
-Status write_file(const std::string& path, std::string_view text)
-{
-	return write_file(path, text.data(), text.size());
-}
+Status write_file(const std::string& path, std::string_view text) { return write_file(path, text.data(), text.size()); }
 
 Status check_writable(const std::string& path)
 {

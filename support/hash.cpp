@@ -9,10 +9,7 @@ namespace rt {
 
 namespace {
 
-Hash128 from_xxhash(XXH128_hash_t hash)
-{
-	return {hash.high64, hash.low64};
-}
+Hash128 from_xxhash(XXH128_hash_t hash) { return {hash.high64, hash.low64}; }
 
 template <std::size_t Bytes>
 std::array<unsigned char, Bytes> little_endian(std::uint64_t value)
@@ -36,10 +33,7 @@ std::string Hash128::hex() const
 	return text;
 }
 
-Hash128 hash_bytes(const void* data, std::size_t bytes)
-{
-	return from_xxhash(XXH3_128bits(data, bytes));
-}
+Hash128 hash_bytes(const void* data, std::size_t bytes) { return from_xxhash(XXH3_128bits(data, bytes)); }
 
 Hasher::Hasher() : state_(XXH3_createState())
 {
@@ -48,10 +42,7 @@ Hasher::Hasher() : state_(XXH3_createState())
 	XXH3_128bits_reset(static_cast<XXH3_state_t*>(state_));
 }
 
-Hasher::~Hasher()
-{
-	XXH3_freeState(static_cast<XXH3_state_t*>(state_));
-}
+Hasher::~Hasher() { XXH3_freeState(static_cast<XXH3_state_t*>(state_)); }
 
 void Hasher::add(const void* data, std::size_t bytes)
 {
@@ -72,9 +63,6 @@ void Hasher::add_u64(std::uint64_t value)
 	add(bytes.data(), bytes.size());
 }
 
-Hash128 Hasher::result() const
-{
-	return from_xxhash(XXH3_128bits_digest(static_cast<XXH3_state_t*>(state_)));
-}
+Hash128 Hasher::result() const { return from_xxhash(XXH3_128bits_digest(static_cast<XXH3_state_t*>(state_))); }
 
 } // namespace rt

@@ -64,17 +64,16 @@ inline Status success() { return Status(Nothing{}); }
 #define RT_JOIN_NAMES(a, b) RT_JOIN_NAMES_(a, b)
 
 // RT_TRY(expression): returns the error of a Status or Result, otherwise goes on.
-#define RT_TRY(expression)                                                                             \
-	do {                                                                                               \
-		if (auto rt_try_result = (expression); !rt_try_result)                                         \
-			return rt_try_result.error();                                                              \
+#define RT_TRY(expression)                                     \
+	do {                                                       \
+		if (auto rt_try_result = (expression); !rt_try_result) \
+			return rt_try_result.error();                      \
 	} while (false)
 
 // RT_TRY_ASSIGN(auto x, expression): returns the error, or moves the value into the declaration.
-#define RT_TRY_ASSIGN(declaration, expression)                                                         \
-	RT_TRY_ASSIGN_(RT_JOIN_NAMES(rt_try_, __LINE__), declaration, expression)
-#define RT_TRY_ASSIGN_(temporary, declaration, expression)                                             \
-	auto temporary = (expression);                                                                     \
-	if (!temporary)                                                                                    \
-		return temporary.error();                                                                      \
+#define RT_TRY_ASSIGN(declaration, expression) RT_TRY_ASSIGN_(RT_JOIN_NAMES(rt_try_, __LINE__), declaration, expression)
+#define RT_TRY_ASSIGN_(temporary, declaration, expression) \
+	auto temporary = (expression);                         \
+	if (!temporary)                                        \
+		return temporary.error();                          \
 	declaration = std::move(temporary).value()

@@ -48,7 +48,8 @@ void parallel_for(std::uint64_t count, std::uint64_t grain,
 		}
 	};
 	const std::uint64_t pieces = (count + grain - 1) / grain;
-	const unsigned helpers = static_cast<unsigned>(std::min<std::uint64_t>(thread_count(), pieces)) - (pieces ? 1u : 0u);
+	const unsigned helpers =
+	    static_cast<unsigned>(std::min<std::uint64_t>(thread_count(), pieces)) - (pieces ? 1u : 0u);
 	std::vector<std::thread> threads;
 	threads.reserve(helpers);
 	for (unsigned i = 0; i < helpers; ++i)

@@ -14,38 +14,17 @@ constexpr double nearest = 1e-6;
 
 // ---- vectors ----
 
-Vec3d operator+(const Vec3d& a, const Vec3d& b)
-{
-	return {a[0] + b[0], a[1] + b[1], a[2] + b[2]};
-}
-Vec3d operator-(const Vec3d& a, const Vec3d& b)
-{
-	return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-}
-Vec3d operator-(const Vec3d& a)
-{
-	return {-a[0], -a[1], -a[2]};
-}
-Vec3d operator*(double s, const Vec3d& a)
-{
-	return {s * a[0], s * a[1], s * a[2]};
-}
-Vec3d operator*(const Vec3d& a, const Vec3d& b)
-{
-	return {a[0] * b[0], a[1] * b[1], a[2] * b[2]};
-}
-double dot(const Vec3d& a, const Vec3d& b)
-{
-	return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
+Vec3d operator+(const Vec3d& a, const Vec3d& b) { return {a[0] + b[0], a[1] + b[1], a[2] + b[2]}; }
+Vec3d operator-(const Vec3d& a, const Vec3d& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
+Vec3d operator-(const Vec3d& a) { return {-a[0], -a[1], -a[2]}; }
+Vec3d operator*(double s, const Vec3d& a) { return {s * a[0], s * a[1], s * a[2]}; }
+Vec3d operator*(const Vec3d& a, const Vec3d& b) { return {a[0] * b[0], a[1] * b[1], a[2] * b[2]}; }
+double dot(const Vec3d& a, const Vec3d& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 Vec3d cross(const Vec3d& a, const Vec3d& b)
 {
 	return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
 }
-Vec3d unit(const Vec3d& a)
-{
-	return (1 / std::sqrt(dot(a, a))) * a;
-}
+Vec3d unit(const Vec3d& a) { return (1 / std::sqrt(dot(a, a))) * a; }
 
 // ---- random numbers and points ----
 

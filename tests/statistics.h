@@ -14,10 +14,7 @@
 namespace rt {
 
 // Probability that a standard normal variable is further from 0 than z.
-inline double normal_p(double z)
-{
-	return std::erfc(std::fabs(z) / std::sqrt(2.0));
-}
+inline double normal_p(double z) { return std::erfc(std::fabs(z) / std::sqrt(2.0)); }
 
 // Probability that a chi-squared variable exceeds `statistic`: the regularised incomplete gamma function
 // Q(dof / 2, statistic / 2) by its power series below the mean and by Legendre's continued fraction above it

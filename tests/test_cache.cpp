@@ -111,10 +111,7 @@ Bytes file_bytes()
 	return *bytes;
 }
 
-void overwrite(const Bytes& bytes)
-{
-	REQUIRE(rt::write_file(rt::cache_path(key), bytes.data(), bytes.size()));
-}
+void overwrite(const Bytes& bytes) { REQUIRE(rt::write_file(rt::cache_path(key), bytes.data(), bytes.size())); }
 
 } // namespace
 

@@ -51,8 +51,10 @@ public:
 	std::vector<Pair> ask(std::uint32_t operation, const Words& a, const Words& b, const Words& c)
 	{
 		const auto count = static_cast<std::uint32_t>(a.size());
-		const BufferHandle as = upload(a), bs = upload(b), cs = upload(c), out = upload(Words(a.size() * 2, 0xdeadbeefu));
-		REQUIRE(device_.launch(program_, "rt_probe", (count + lanes_ - 1) / lanes_, {as, bs, cs, out, operation, count}));
+		const BufferHandle as = upload(a), bs = upload(b), cs = upload(c),
+		                   out = upload(Words(a.size() * 2, 0xdeadbeefu));
+		REQUIRE(
+		    device_.launch(program_, "rt_probe", (count + lanes_ - 1) / lanes_, {as, bs, cs, out, operation, count}));
 		REQUIRE(device_.wait());
 		Words words(a.size() * 2);
 		REQUIRE(device_.read(out, 0, words.data(), words.size() * sizeof(std::uint32_t)));
@@ -233,10 +235,12 @@ TEST_CASE("rule 4: square root and reciprocal are correctly rounded, native and 
 		}
 	for_each_device_and_roots([&](const TestDevice& device, bool software, const std::string& what) {
 		Probe probe(device, software);
-		check_answers(probe.ask(RT_PROBE_ROOT, roots, roots, roots), roots,
-		              [&](std::size_t i) { return rt_bits(std::sqrt(rt_from_bits(roots[i]))); }, what + ": square root");
-		check_answers(probe.ask(RT_PROBE_RECIPROCAL, reciprocals, reciprocals, reciprocals), reciprocals,
-		              [&](std::size_t i) { return rt_bits(1.0f / rt_from_bits(reciprocals[i])); }, what + ": reciprocal");
+		check_answers(
+		    probe.ask(RT_PROBE_ROOT, roots, roots, roots), roots,
+		    [&](std::size_t i) { return rt_bits(std::sqrt(rt_from_bits(roots[i]))); }, what + ": square root");
+		check_answers(
+		    probe.ask(RT_PROBE_RECIPROCAL, reciprocals, reciprocals, reciprocals), reciprocals,
+		    [&](std::size_t i) { return rt_bits(1.0f / rt_from_bits(reciprocals[i])); }, what + ": reciprocal");
 	});
 }
 
@@ -244,7 +248,8 @@ TEST_CASE("rule 4: rt_sqrt is 0 for zero, tiny, negative and NaN", "[contract]")
 {
 	const Words odd{0u, 0x80000000u, rt_bits(0x1p-101f), rt_bits(-1.0f), 0x7fc00000u, 0xff800000u, 1u};
 	for_each_device_and_roots([&](const TestDevice& device, bool software, const std::string& what) {
-		check_answers(Probe(device, software).ask(RT_PROBE_ROOT, odd, odd, odd), odd, [](std::size_t) { return 0u; }, what);
+		check_answers(
+		    Probe(device, software).ask(RT_PROBE_ROOT, odd, odd, odd), odd, [](std::size_t) { return 0u; }, what);
 	});
 }
 
@@ -303,7 +308,8 @@ TEST_CASE("rule 13: sine and cosine over all 2^24 numbers, within 2 ulp and 1e-7
 		rt_sincos_turns(u, &sine, &cosine);
 		const double angle = 2 * 3.14159265358979323846 * static_cast<double>(u);
 		const double s = std::sin(angle), c = std::cos(angle);
-		largest = std::max({largest, std::fabs(static_cast<double>(sine) - s), std::fabs(static_cast<double>(cosine) - c)});
+		largest =
+		    std::max({largest, std::fabs(static_cast<double>(sine) - s), std::fabs(static_cast<double>(cosine) - c)});
 		// At the zeros the library's angle is itself rounded.
 		if (k % (1u << 22) != 0)
 			largest_ulps = std::max({largest_ulps, distance_in_ulps(sine, s), distance_in_ulps(cosine, c)});
@@ -348,13 +354,16 @@ TEST_CASE("rule 13: every device computes the same sines, cosines and angles", "
 			return Pair{rt_bits(sine), rt_bits(cosine)};
 		};
 		std::vector<Pair> answers = probe.ask(RT_PROBE_SINCOS, turns, turns, turns);
-		check_answers(answers, turns, [&](std::size_t i) { return sincos(i).first; }, what + ": sine");
+		check_answers(
+		    answers, turns, [&](std::size_t i) { return sincos(i).first; }, what + ": sine");
 		for (Pair& answer : answers)
 			std::swap(answer.first, answer.second);
-		check_answers(answers, turns, [&](std::size_t i) { return sincos(i).second; }, what + ": cosine");
-		check_answers(probe.ask(RT_PROBE_ATAN2, ys, xs, xs), ys,
-		              [&](std::size_t i) { return rt_bits(rt_atan2_turns(rt_from_bits(ys[i]), rt_from_bits(xs[i]))); },
-		              what + ": atan2");
+		check_answers(
+		    answers, turns, [&](std::size_t i) { return sincos(i).second; }, what + ": cosine");
+		check_answers(
+		    probe.ask(RT_PROBE_ATAN2, ys, xs, xs), ys,
+		    [&](std::size_t i) { return rt_bits(rt_atan2_turns(rt_from_bits(ys[i]), rt_from_bits(xs[i]))); },
+		    what + ": atan2");
 	});
 }
 
@@ -370,9 +379,10 @@ TEST_CASE("rule 14: random numbers are a pure function, below 1, and the same on
 	CHECK(rt_unit(0xffffffffu) == 0x1.fffffep-1f);
 	CHECK(rt_unit(0u) == 0.0f);
 	for (const TestDevice& device : test_devices())
-		check_answers(Probe(device, false).ask(RT_PROBE_RANDOM, pixels, samples, blocks), pixels,
-		              [&](std::size_t i) { return rt_bits(rt_random(0x2545f491u, pixels[i], samples[i], blocks[i]).a); },
-		              device.name);
+		check_answers(
+		    Probe(device, false).ask(RT_PROBE_RANDOM, pixels, samples, blocks), pixels,
+		    [&](std::size_t i) { return rt_bits(rt_random(0x2545f491u, pixels[i], samples[i], blocks[i]).a); },
+		    device.name);
 }
 
 TEST_CASE("rule 15: radiance becomes the nearest integer, ties to even, on every device", "[contract]")

@@ -47,9 +47,9 @@ void check_same(const Film& film, const Film& expected, const std::string& what)
 			first = i;
 	if (different) {
 		const std::size_t pixel = first / 3, width = film.window().width;
-		FAIL_CHECK(different << " of " << film.sums().size() << " sums differ; first at pixel (" << pixel % width << ", "
-		                     << pixel / width << ") channel " << first % 3 << ": " << film.sums()[first] << " and "
-		                     << expected.sums()[first]);
+		FAIL_CHECK(different << " of " << film.sums().size() << " sums differ; first at pixel (" << pixel % width
+		                     << ", " << pixel / width << ") channel " << first % 3 << ": " << film.sums()[first]
+		                     << " and " << expected.sums()[first]);
 	}
 	CHECK(film.hash().hex() == expected.hash().hex());
 }
@@ -150,8 +150,8 @@ TEST_CASE("launches, groups and sample ranges may be split anywhere", "[identity
 			options.samples_per_launch = split.samples;
 			options.group_size = split.group;
 			check_same(render(packed, device, options, scene.samples), reference_film(scene),
-			           "split " + std::to_string(split.rows) + " rows, " + std::to_string(split.samples) + " samples, " +
-			               device.name);
+			           "split " + std::to_string(split.rows) + " rows, " + std::to_string(split.samples) +
+			               " samples, " + device.name);
 		}
 		// Rule 15: films of sample ranges add up to the whole, in any order.
 		for (std::uint32_t cut = 1; cut < scene.samples; ++cut) {
@@ -212,8 +212,9 @@ TEST_CASE("devices may share a render", "[identity]")
 TEST_CASE("odd sizes and single samples", "[identity]")
 {
 	for (const TestDevice& device : test_devices())
-		for (const TestScene& scene : {TestScene{"three-spheres", 1, 1, 17, 0}, TestScene{"three-spheres", 1, 19, 1, 0xffffffffu},
-		                               TestScene{"three-spheres", 131, 1, 1, 12345}}) {
+		for (const TestScene& scene :
+		     {TestScene{"three-spheres", 1, 1, 17, 0}, TestScene{"three-spheres", 1, 19, 1, 0xffffffffu},
+		      TestScene{"three-spheres", 131, 1, 1, 12345}}) {
 			const PackedScene packed = pack_test_scene(scene);
 			const Film expected = render(packed, reference_device(), generic(), scene.samples);
 			check_same(render(packed, device, {}, scene.samples), expected,
@@ -276,7 +277,8 @@ TEST_CASE("of coincident spheres the lowest id owns the surface in any storage o
 	// Camera rays that meet the pair see the first one's colour: the primary hits are those without the twin.
 	for (const TestDevice& device : test_devices()) {
 		check_same(render(*packed, device, {}, 3), expected, "twin last, " + device.name);
-		check_same(render(permute_spheres(*packed, {0, 4, 3, 2, 1}), device, {}, 3), expected, "twin first, " + device.name);
+		check_same(render(permute_spheres(*packed, {0, 4, 3, 2, 1}), device, {}, 3), expected,
+		           "twin first, " + device.name);
 	}
 	CHECK(expected.sums() != render(*without, reference_device(), generic(), 3).sums());
 }
@@ -310,7 +312,8 @@ TEST_CASE("scaling a scene by a power of two changes no bit", "[identity]") // r
 		for (const TestDevice& device : test_devices()) {
 			const Film expected = film_at(0, device);
 			for (const int k : {-20, -7, 9, 20})
-				check_same(film_at(k, device), expected, std::string(name) + " x 2^" + std::to_string(k) + ", " + device.name);
+				check_same(film_at(k, device), expected,
+				           std::string(name) + " x 2^" + std::to_string(k) + ", " + device.name);
 			// The control: a factor that is no power of two changes bits.
 			Scene scene = file->base;
 			for (Sphere& sphere : scene.spheres)

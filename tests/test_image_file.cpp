@@ -95,10 +95,7 @@ struct DecodedPng {
 };
 
 // libpng's errors and warnings (a wrong CRC is one) fail the test.
-[[noreturn]] void png_complains(png_structp, png_const_charp message)
-{
-	throw std::runtime_error(message);
-}
+[[noreturn]] void png_complains(png_structp, png_const_charp message) { throw std::runtime_error(message); }
 
 DecodedPng decode_png(const Bytes& bytes)
 {

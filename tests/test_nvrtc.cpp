@@ -80,14 +80,8 @@ Operations operations(const NvrtcOutput& output)
 	return result;
 }
 
-bool contains(const std::string& text, const char* part)
-{
-	return text.find(part) != std::string::npos;
-}
-bool starts_with(const std::string& text, const char* start)
-{
-	return text.rfind(start, 0) == 0;
-}
+bool contains(const std::string& text, const char* part) { return text.find(part) != std::string::npos; }
+bool starts_with(const std::string& text, const char* start) { return text.rfind(start, 0) == 0; }
 
 int count(const Operations& found, const char* start)
 {

@@ -64,10 +64,7 @@ rt::Error error(const rt::DeviceRequest& request, const rt::Enumeration& found)
 	return selected.error();
 }
 
-bool contains(const std::string& text, const std::string& part)
-{
-	return text.find(part) != std::string::npos;
-}
+bool contains(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
 
 using Indices = std::vector<int>;
 

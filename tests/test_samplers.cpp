@@ -34,18 +34,12 @@ constexpr std::uint32_t million = 1u << 20;
 
 // ---- vectors in double ----
 
-double dot(const Vec3d& a, const Vec3d& b)
-{
-	return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
+double dot(const Vec3d& a, const Vec3d& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 Vec3d cross(const Vec3d& a, const Vec3d& b)
 {
 	return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
 }
-Vec3d in_double(rt_vec3 v)
-{
-	return {static_cast<double>(v.x), static_cast<double>(v.y), static_cast<double>(v.z)};
-}
+Vec3d in_double(rt_vec3 v) { return {static_cast<double>(v.x), static_cast<double>(v.y), static_cast<double>(v.z)}; }
 Vec3d unit(const Vec3d& v)
 {
 	const double length = std::sqrt(dot(v, v));
@@ -56,10 +50,7 @@ rt_vec3 in_float(const Vec3d& v)
 	return v3(static_cast<float>(v[0]), static_cast<float>(v[1]), static_cast<float>(v[2]));
 }
 // How far |v|^2 is from 1, in units in the last place of 1.
-double ulps_from_unit(rt_vec3 v)
-{
-	return std::fabs(dot(in_double(v), in_double(v)) - 1) / ulp;
-}
+double ulps_from_unit(rt_vec3 v) { return std::fabs(dot(in_double(v), in_double(v)) - 1) / ulp; }
 
 double turns(double y, double x)
 {
@@ -320,14 +311,8 @@ PackedScene packed_camera(double aperture)
 	return *packed;
 }
 
-rt_vec3 lens_u(const rt_scene& s)
-{
-	return v3(s.lens_u_x, s.lens_u_y, s.lens_u_z);
-}
-rt_vec3 lens_v(const rt_scene& s)
-{
-	return v3(s.lens_v_x, s.lens_v_y, s.lens_v_z);
-}
+rt_vec3 lens_u(const rt_scene& s) { return v3(s.lens_u_x, s.lens_u_y, s.lens_u_z); }
+rt_vec3 lens_v(const rt_scene& s) { return v3(s.lens_v_x, s.lens_v_y, s.lens_v_z); }
 
 } // namespace
 

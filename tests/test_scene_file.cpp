@@ -14,10 +14,7 @@ using namespace rt;
 
 namespace {
 
-bool contains(const std::string& text, const std::string& part)
-{
-	return text.find(part) != std::string::npos;
-}
+bool contains(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
 
 std::string replaced(std::string text, const std::string& from, const std::string& to)
 {
@@ -156,10 +153,7 @@ const Bad bad_scenes[] = {
     {R"("lamp")", "\"la\xff\"", ":11", "not valid JSON", ""},
 };
 
-Result<SceneFile> parsed(const std::string& text)
-{
-	return parse_scene(text, "dir/x.json");
-}
+Result<SceneFile> parsed(const std::string& text) { return parse_scene(text, "dir/x.json"); }
 
 std::string little_endian(const std::vector<float>& values)
 {

@@ -14,10 +14,7 @@ namespace {
 
 const std::string scenes = RT_SOURCE_DIR "/scenes";
 
-bool contains(const std::string& text, const std::string& part)
-{
-	return text.find(part) != std::string::npos;
-}
+bool contains(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
 
 // $RT_SCENES for one test.
 struct ScenesVariable {

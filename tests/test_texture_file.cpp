@@ -10,10 +10,7 @@ using namespace rt;
 
 namespace {
 
-bool contains(const std::string& text, const std::string& part)
-{
-	return text.find(part) != std::string::npos;
-}
+bool contains(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
 
 using Bytes = std::vector<std::uint8_t>;
 
@@ -119,15 +116,9 @@ struct Picture {
 	}
 };
 
-Result<TextureImage> decoded(const Bytes& file)
-{
-	return decode_texture(file.data(), file.size(), "map.png");
-}
+Result<TextureImage> decoded(const Bytes& file) { return decode_texture(file.data(), file.size(), "map.png"); }
 
-std::uint32_t rgb(std::uint32_t r, std::uint32_t g, std::uint32_t b)
-{
-	return r | g << 8 | b << 16;
-}
+std::uint32_t rgb(std::uint32_t r, std::uint32_t g, std::uint32_t b) { return r | g << 8 | b << 16; }
 
 std::uint32_t mixed(std::uint32_t x, std::uint32_t y, int c)
 {

@@ -335,9 +335,6 @@ private:
 
 } // namespace
 
-Status run_devices(const DevicesOptions& options)
-{
-	return DeviceList(options).run();
-}
+Status run_devices(const DevicesOptions& options) { return DeviceList(options).run(); }
 
 } // namespace rt

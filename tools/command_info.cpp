@@ -82,15 +82,9 @@ std::pair<double, double> keyframe_range(const SceneFile& file)
 	return {first, last};
 }
 
-bool is_animated(const SceneFile& file)
-{
-	return !file.camera_track.empty() || !file.sphere_tracks.empty();
-}
+bool is_animated(const SceneFile& file) { return !file.camera_track.empty() || !file.sphere_tracks.empty(); }
 
-std::string text_of(const Vec3d& v)
-{
-	return fmt::format("({}, {}, {})", v[0], v[1], v[2]);
-}
+std::string text_of(const Vec3d& v) { return fmt::format("({}, {}, {})", v[0], v[1], v[2]); }
 
 std::string texture_text(const Texture& texture)
 {

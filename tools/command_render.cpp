@@ -69,10 +69,7 @@ Result<Window> window_in(const RenderOptions& options, const RenderSettings& set
 	return window;
 }
 
-std::string describe(const DeviceInfo& info)
-{
-	return fmt::format("{} ({})", info.name, info.backend);
-}
+std::string describe(const DeviceInfo& info) { return fmt::format("{} ({})", info.name, info.backend); }
 
 class RenderCommand {
 public:

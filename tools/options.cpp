@@ -193,7 +193,7 @@ Error unknown_argument(const CLI::App& app, const std::string& argument)
 	const std::string help = app.get_name() + " --help lists what it takes";
 	if (argument.size() < 2 || argument[0] != '-')
 		return usage(fmt::format("'{}' is one argument too many", argument), help);
-	const std::string name = argument.substr(0, argument.find('='));
+	const std::string name = argument.substr(0, argument[1] == '-' ? argument.find('=') : argument.npos);
 	std::vector<std::string> known;
 	for (const CLI::Option* option : app.get_options())
 		for (const std::string& long_name : option->get_lnames())
@@ -217,11 +217,12 @@ Result<std::optional<TextRequest>> parse(CLI::App& app, std::vector<std::string>
 	} catch (const CLI::CallForVersion&) {
 		return std::optional(TextRequest{version_text()});
 	} catch (const CLI::ArgumentMismatch& error) {
-		// "--samples: 1 required N missing", "--samples: expected 1 argument and got 2"
+		// "--samples: 1 required N missing", "--samples: At Most 1 required but received 2"
 		const std::string what = error.what();
 		const std::string option = what.substr(0, what.find(':'));
 		const bool missing = what.find("missing") != std::string::npos;
-		return usage(missing ? option + " needs a value" : what, app.get_name() + " --help lists what it takes");
+		return usage(option + (missing ? " needs a value" : " is given more than once"),
+		             app.get_name() + " --help lists what it takes");
 	} catch (const CLI::ParseError& error) {
 		return usage(error.what(), app.get_name() + " --help lists what it takes");
 	}

@@ -34,10 +34,7 @@ void PhaseTimes::end()
 	current_.clear();
 }
 
-double PhaseTimes::total() const
-{
-	return std::chrono::duration<double>(Clock::now() - start_).count();
-}
+double PhaseTimes::total() const { return std::chrono::duration<double>(Clock::now() - start_).count(); }
 
 const char* kind_name(DeviceKind kind)
 {

@@ -93,10 +93,7 @@ void report_warning(std::string_view message, std::string_view cure)
 	print_message(text);
 }
 
-void report_note(std::string_view message)
-{
-	print_message(hang("rt: ", message));
-}
+void report_note(std::string_view message) { print_message(hang("rt: ", message)); }
 
 void print_message(std::string_view text)
 {
@@ -104,10 +101,7 @@ void print_message(std::string_view text)
 	(void)std::fwrite(text.data(), 1, text.size(), stderr);
 }
 
-void print_result(std::string_view text)
-{
-	(void)std::fwrite(text.data(), 1, text.size(), stdout);
-}
+void print_result(std::string_view text) { (void)std::fwrite(text.data(), 1, text.size(), stdout); }
 
 Status flush_results()
 {

@@ -14,20 +14,11 @@
 
 namespace {
 
-rt::Status run_command(const rt::RenderOptions& options)
-{
-	return rt::run_render(options);
-}
+rt::Status run_command(const rt::RenderOptions& options) { return rt::run_render(options); }
 
-rt::Status run_command(const rt::DevicesOptions& options)
-{
-	return rt::run_devices(options);
-}
+rt::Status run_command(const rt::DevicesOptions& options) { return rt::run_devices(options); }
 
-rt::Status run_command(const rt::InfoOptions& options)
-{
-	return rt::run_info(options);
-}
+rt::Status run_command(const rt::InfoOptions& options) { return rt::run_info(options); }
 
 rt::Status run_command(const rt::TextRequest& request)
 {

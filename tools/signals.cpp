@@ -11,15 +11,9 @@ std::atomic<bool> stop{false};
 std::atomic<bool> snapshot{false};
 static_assert(std::atomic<bool>::is_always_lock_free, "a signal handler may touch it");
 
-extern "C" void on_stop(int)
-{
-	stop = true;
-}
+extern "C" void on_stop(int) { stop = true; }
 
-extern "C" void on_snapshot(int)
-{
-	snapshot = true;
-}
+extern "C" void on_snapshot(int) { snapshot = true; }
 
 void set_handler(int signal_number, void (*handler)(int), int flags)
 {
@@ -32,10 +26,7 @@ void set_handler(int signal_number, void (*handler)(int), int flags)
 
 } // namespace
 
-void catch_snapshot_signal()
-{
-	set_handler(SIGUSR1, on_snapshot, SA_RESTART);
-}
+void catch_snapshot_signal() { set_handler(SIGUSR1, on_snapshot, SA_RESTART); }
 
 void catch_stop_signals()
 {
@@ -45,14 +36,8 @@ void catch_stop_signals()
 		set_handler(signal_number, on_stop, static_cast<int>(SA_RESTART | SA_RESETHAND));
 }
 
-const std::atomic<bool>& stop_requested()
-{
-	return stop;
-}
+const std::atomic<bool>& stop_requested() { return stop; }
 
-bool take_snapshot_request()
-{
-	return snapshot.exchange(false);
-}
+bool take_snapshot_request() { return snapshot.exchange(false); }
 
 } // namespace rt

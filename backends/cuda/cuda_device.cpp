@@ -20,10 +20,7 @@ constexpr std::uint32_t warp_size = 32;
 constexpr std::uint32_t default_group_size = 128;
 constexpr std::size_t jit_log_bytes = 16384;
 
-std::string gigabytes(std::size_t bytes)
-{
-	return fmt::format("{:.2f} GB", static_cast<double>(bytes) * 1e-9);
-}
+std::string gigabytes(std::size_t bytes) { return fmt::format("{:.2f} GB", static_cast<double>(bytes) * 1e-9); }
 
 } // namespace
 

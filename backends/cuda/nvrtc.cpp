@@ -95,10 +95,7 @@ Status Nvrtc::open(int driver_major)
 	return success();
 }
 
-std::string Nvrtc::version() const
-{
-	return fmt::format("NVRTC {}.{}", major_, minor_);
-}
+std::string Nvrtc::version() const { return fmt::format("NVRTC {}.{}", major_, minor_); }
 
 Error Nvrtc::error(int result, const char* call, const std::string& where) const
 {
@@ -180,7 +177,8 @@ Result<NvrtcOutput> Nvrtc::compile(const std::string& text, const std::string& n
 
 std::vector<std::string> nvrtc_options(bool contract)
 {
-	return {"--std=c++17", contract ? "--fmad=true" : "--fmad=false", "--ftz=false", "--prec-div=true", "--prec-sqrt=true"};
+	return {"--std=c++17", contract ? "--fmad=true" : "--fmad=false", "--ftz=false", "--prec-div=true",
+	        "--prec-sqrt=true"};
 }
 
 const char* nvrtc_packages()

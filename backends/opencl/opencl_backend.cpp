@@ -45,10 +45,7 @@ T value_info(const OpenClApi& api, cl_device_id device, cl_device_info what, T o
 	return api.GetDeviceInfo(device, what, sizeof value, &value, nullptr) == CL_SUCCESS ? value : otherwise;
 }
 
-bool contains(const std::string& text, const char* part)
-{
-	return text.find(part) != std::string::npos;
-}
+bool contains(const std::string& text, const char* part) { return text.find(part) != std::string::npos; }
 
 // {1, 2} of "OpenCL 1.2 something"; {0, 0} of anything else.
 std::pair<int, int> opencl_version(const std::string& text)

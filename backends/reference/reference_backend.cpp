@@ -22,7 +22,9 @@ const char* const compiler_version = "g++ " __VERSION__;
 
 class HostBuffer final : public Buffer {
 public:
-	explicit HostBuffer(std::size_t bytes) : memory_(new (std::nothrow) unsigned char[bytes ? bytes : 1]), bytes_(bytes) {}
+	explicit HostBuffer(std::size_t bytes) : memory_(new (std::nothrow) unsigned char[bytes ? bytes : 1]), bytes_(bytes)
+	{
+	}
 	std::size_t bytes() const override { return bytes_; }
 	unsigned char* data() const { return memory_.get(); }
 
@@ -33,7 +35,10 @@ private:
 
 class HostProgram final : public Program {
 public:
-	HostProgram(const ReferenceVariant& variant, BuildReport report) : variant_(variant) { report_ = std::move(report); }
+	HostProgram(const ReferenceVariant& variant, BuildReport report) : variant_(variant)
+	{
+		report_ = std::move(report);
+	}
 	const ReferenceKernel* find(const std::string& entry) const
 	{
 		for (unsigned i = 0; i < variant_.kernel_count; ++i)
@@ -65,8 +70,8 @@ const ReferenceVariant* choose_variant(std::uint32_t features, bool native_roots
 	};
 	for (unsigned i = 0; i < reference_variant_count; ++i) {
 		const ReferenceVariant& variant = *reference_variants[i];
-		if ((features & ~variant.features) != 0 || variant.native_roots != native_roots || variant.contracted != contracted ||
-		     (variant.needs_x86_64_v3 && !v3))
+		if ((features & ~variant.features) != 0 || variant.native_roots != native_roots ||
+		    variant.contracted != contracted || (variant.needs_x86_64_v3 && !v3))
 			continue;
 		if (!best || rank(variant) < rank(*best))
 			best = &variant;
@@ -82,17 +87,23 @@ public:
 	{
 		const std::uint32_t lanes = integer_define(spec, "RT_LANES", 1);
 		if (lanes != 1)
-			return Error{ErrorKind::Build, fmt::format("the reference backend has no kernels of {} lanes", lanes), {},
-			             "use 1 lane", {}};
+			return Error{ErrorKind::Build,
+			             fmt::format("the reference backend has no kernels of {} lanes", lanes),
+			             {},
+			             "use 1 lane",
+			             {}};
 		const std::uint32_t features = integer_define(spec, "RT_FEATURES", RT_FEATURE_ALL);
 		const bool native_roots = integer_define(spec, "RT_DEF_NATIVE_ROOTS", 1) != 0;
 		const bool contracted = integer_define(spec, "RT_DEF_CONTRACT", 0) != 0;
 		const ReferenceVariant* variant = choose_variant(features, native_roots, contracted);
 		if (!variant)
-			return Error{ErrorKind::Build,
-			             fmt::format("no compiled variant of the kernels has features {:#x} with {} roots for this processor",
-			                         features, native_roots ? "native" : "software"),
-			             {}, {}, {}};
+			return Error{
+			    ErrorKind::Build,
+			    fmt::format("no compiled variant of the kernels has features {:#x} with {} roots for this processor",
+			                features, native_roots ? "native" : "software"),
+			    {},
+			    {},
+			    {}};
 		BuildReport report;
 		report.variant = variant->name;
 		report.options = variant->needs_x86_64_v3 ? "-O3 -march=x86-64-v3" : "-O3";
@@ -111,7 +122,10 @@ public:
 		const ReferenceKernel* kernel = host_program ? host_program->find(entry) : nullptr;
 		if (!kernel || kernel->argument_count != arguments.size())
 			return Error{ErrorKind::Failure,
-			             fmt::format("kernel {} cannot be launched with {} arguments", entry, arguments.size()), {}, {}, {}};
+			             fmt::format("kernel {} cannot be launched with {} arguments", entry, arguments.size()),
+			             {},
+			             {},
+			             {}};
 		if (items > UINT32_MAX)
 			return Error{ErrorKind::Failure, fmt::format("a launch of {} work-items is too large", items), {}, {}, {}};
 		std::vector<std::uint32_t> scalars;
@@ -137,8 +151,11 @@ public:
 	{
 		auto buffer = std::make_shared<HostBuffer>(bytes);
 		if (!buffer->data())
-			return Error{ErrorKind::Memory, fmt::format("{} bytes of host memory could not be had", bytes), info_.name,
-			             "render a smaller image or scene", {}};
+			return Error{ErrorKind::Memory,
+			             fmt::format("{} bytes of host memory could not be had", bytes),
+			             info_.name,
+			             "render a smaller image or scene",
+			             {}};
 		return BufferHandle(std::move(buffer));
 	}
 
@@ -162,9 +179,12 @@ private:
 	static Status check_range(const Buffer& buffer, std::size_t offset, std::size_t bytes)
 	{
 		if (offset > buffer.bytes() || bytes > buffer.bytes() - offset)
-			return Error{ErrorKind::Failure,
-			             fmt::format("a copy of {} bytes at {} does not fit a buffer of {}", bytes, offset, buffer.bytes()),
-			             {}, {}, {}};
+			return Error{
+			    ErrorKind::Failure,
+			    fmt::format("a copy of {} bytes at {} does not fit a buffer of {}", bytes, offset, buffer.bytes()),
+			    {},
+			    {},
+			    {}};
 		return success();
 	}
 };
@@ -200,13 +220,17 @@ public:
 		info.compute_units = thread_count();
 		info.reports_correct_rounding = info.reports_subnormals = info.reports_fp64 = true;
 		if (!host_has_x86_64_v3() && choose_variant(RT_FEATURE_ALL, true, false) != nullptr)
-			info.quirks.push_back({"software-fma", "this build or processor has no fma instruction: exact, and slower"});
+			info.quirks.push_back(
+			    {"software-fma", "this build or processor has no fma instruction: exact, and slower"});
 		Enumeration found;
 		found.devices.push_back(std::move(info));
 		return found;
 	}
 
-	Result<DeviceHandle> open(const DeviceInfo& info) override { return DeviceHandle(std::make_shared<HostDevice>(info)); }
+	Result<DeviceHandle> open(const DeviceInfo& info) override
+	{
+		return DeviceHandle(std::make_shared<HostDevice>(info));
+	}
 };
 
 } // namespace

@@ -1,4 +1,5 @@
-// Compiled once for each variant, with RT_FEATURES, RT_DEF_NATIVE_ROOTS, RT_DEF_CONTRACT, RT_VARIANT (an identifier) and RT_VARIANT_V3.
+// Compiled once for each variant, with RT_FEATURES, RT_DEF_NATIVE_ROOTS, RT_DEF_CONTRACT, RT_VARIANT (an identifier)
+// and RT_VARIANT_V3.
 #include "backends/reference/reference_kernels.h"
 
 namespace {
@@ -64,7 +65,8 @@ constexpr ReferenceKernel kernels[] = {
 } // namespace
 
 extern const ReferenceVariant RT_VARIANT;
-const ReferenceVariant RT_VARIANT = {RT_QUOTE(RT_VARIANT), RT_FEATURES, RT_DEF_NATIVE_ROOTS != 0, RT_DEF_CONTRACT != 0,
-                                     RT_VARIANT_V3 != 0, kernels, sizeof kernels / sizeof kernels[0]};
+const ReferenceVariant RT_VARIANT = {
+    RT_QUOTE(RT_VARIANT), RT_FEATURES, RT_DEF_NATIVE_ROOTS != 0,          RT_DEF_CONTRACT != 0,
+    RT_VARIANT_V3 != 0,   kernels,     sizeof kernels / sizeof kernels[0]};
 
 } // namespace rt

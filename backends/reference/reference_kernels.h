@@ -1,7 +1,7 @@
 // reference_kernels.h: the kernels compiled as C++, one table for each variant of them.
 //
-// A host compiler cannot specialise at run time, so ReferenceVariants.cmake compiles reference_kernels.cpp once for each
-// feature mask, kind of roots and instruction set that is worth having.
+// A host compiler cannot specialise at run time, so ReferenceVariants.cmake compiles reference_kernels.cpp once for
+// each feature mask, kind of roots and instruction set that is worth having.
 #pragma once
 
 #include <cstdint>

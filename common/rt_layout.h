@@ -4,6 +4,7 @@
 
 #include "common/rt_structs.h"
 
+/* clang-format off: one struct a paragraph */
 /* S(struct) opens a struct, M(struct, member) names a member. */
 #define RT_LAYOUT_LIST(S, M)                                                                                          \
 	S(rt_sphere)                                                                                                      \
@@ -30,5 +31,6 @@
 	                                                                    M(rt_film_pixel, r) M(rt_film_pixel, g)       \
 	                                                                        M(rt_film_pixel, b)                       \
 	                                                                            M(rt_film_pixel, tally)
+/* clang-format on */
 
 #endif

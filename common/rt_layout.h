@@ -4,33 +4,30 @@
 
 #include "common/rt_structs.h"
 
-/* clang-format off: one struct a paragraph */
+/* One struct a paragraph, which clang-format cannot know. */
+/* clang-format off */
 /* S(struct) opens a struct, M(struct, member) names a member. */
-#define RT_LAYOUT_LIST(S, M)                                                                                          \
-	S(rt_sphere)                                                                                                      \
-	M(rt_sphere, cx) M(rt_sphere, cy) M(rt_sphere, cz) M(rt_sphere, radius) S(rt_wide) M(rt_wide, c0_high) M(         \
-	    rt_wide, c0_low) S(rt_material) M(rt_material, albedo_r) M(rt_material, albedo_g) M(rt_material, albedo_b)    \
-	    M(rt_material, fuzz) M(rt_material, emission_r) M(rt_material, emission_g) M(rt_material, emission_b) M(      \
-	        rt_material, ior) M(rt_material, ior_inverse) M(rt_material, kind) M(rt_material, texture)                \
-	        M(rt_material, reserved0) S(rt_texture) M(rt_texture, even_r) M(rt_texture, even_g) M(rt_texture, even_b) \
-	            M(rt_texture, squares) M(rt_texture, odd_r) M(rt_texture, odd_g) M(rt_texture, odd_b) M(              \
-	                rt_texture, kind) M(rt_texture, first_texel) M(rt_texture, width)                                 \
-	                M(rt_texture, height) S(rt_scene) M(rt_scene, corner_x) M(rt_scene, corner_y)                     \
-	                    M(rt_scene, corner_z) M(rt_scene, step_x_x) M(rt_scene, step_x_y) M(rt_scene, step_x_z)       \
-	                        M(rt_scene, step_y_x) M(rt_scene, step_y_y) M(rt_scene, step_y_z) M(rt_scene, lens_u_x)   \
-	                            M(rt_scene, lens_u_y) M(rt_scene, lens_u_z) M(rt_scene, lens_v_x)                     \
-	                                M(rt_scene, lens_v_y) M(rt_scene, lens_v_z) M(rt_scene, sky_bottom_r)             \
-	                                    M(rt_scene, sky_bottom_g) M(rt_scene, sky_bottom_b) M(rt_scene, sky_delta_r)  \
-	                                        M(rt_scene, sky_delta_g) M(rt_scene, sky_delta_b) M(rt_scene, film_scale) \
-	                                            M(rt_scene, film_scale_high) M(rt_scene, radiance_limit)              \
-	                                                M(rt_scene, width) M(rt_scene, height) M(rt_scene, window_x)      \
-	                                                    M(rt_scene, window_y) M(rt_scene, window_width)               \
-	                                                        M(rt_scene, window_height) M(rt_scene, seed)              \
-	                                                            M(rt_scene, max_depth) M(rt_scene, sphere_count)      \
-	                                                                M(rt_scene, wide_count) S(rt_film_pixel)          \
-	                                                                    M(rt_film_pixel, r) M(rt_film_pixel, g)       \
-	                                                                        M(rt_film_pixel, b)                       \
-	                                                                            M(rt_film_pixel, tally)
+#define RT_LAYOUT_LIST(S, M)                                                                           \
+	S(rt_sphere) M(rt_sphere, cx) M(rt_sphere, cy) M(rt_sphere, cz) M(rt_sphere, radius)               \
+	S(rt_wide) M(rt_wide, c0_high) M(rt_wide, c0_low)                                                  \
+	S(rt_material) M(rt_material, albedo_r) M(rt_material, albedo_g) M(rt_material, albedo_b)          \
+	M(rt_material, fuzz) M(rt_material, emission_r) M(rt_material, emission_g)                         \
+	M(rt_material, emission_b) M(rt_material, ior) M(rt_material, ior_inverse) M(rt_material, kind)    \
+	M(rt_material, texture) M(rt_material, reserved0)                                                  \
+	S(rt_texture) M(rt_texture, even_r) M(rt_texture, even_g) M(rt_texture, even_b)                    \
+	M(rt_texture, squares) M(rt_texture, odd_r) M(rt_texture, odd_g) M(rt_texture, odd_b)              \
+	M(rt_texture, kind) M(rt_texture, first_texel) M(rt_texture, width) M(rt_texture, height)          \
+	S(rt_scene) M(rt_scene, corner_x) M(rt_scene, corner_y) M(rt_scene, corner_z)                      \
+	M(rt_scene, step_x_x) M(rt_scene, step_x_y) M(rt_scene, step_x_z) M(rt_scene, step_y_x)            \
+	M(rt_scene, step_y_y) M(rt_scene, step_y_z) M(rt_scene, lens_u_x) M(rt_scene, lens_u_y)            \
+	M(rt_scene, lens_u_z) M(rt_scene, lens_v_x) M(rt_scene, lens_v_y) M(rt_scene, lens_v_z)            \
+	M(rt_scene, sky_bottom_r) M(rt_scene, sky_bottom_g) M(rt_scene, sky_bottom_b)                      \
+	M(rt_scene, sky_delta_r) M(rt_scene, sky_delta_g) M(rt_scene, sky_delta_b)                         \
+	M(rt_scene, film_scale) M(rt_scene, film_scale_high) M(rt_scene, radiance_limit)                   \
+	M(rt_scene, width) M(rt_scene, height) M(rt_scene, window_x) M(rt_scene, window_y)                 \
+	M(rt_scene, window_width) M(rt_scene, window_height) M(rt_scene, seed) M(rt_scene, max_depth)      \
+	M(rt_scene, sphere_count) M(rt_scene, wide_count)                                                  \
+	S(rt_film_pixel) M(rt_film_pixel, r) M(rt_film_pixel, g) M(rt_film_pixel, b) M(rt_film_pixel, tally)
 /* clang-format on */
 
 #endif

@@ -1,4 +1,5 @@
-/* render.cl: the entry point of a render: each work-item takes a launch's samples of RT_LANES pixels.
+/* render.cl: the entry points of a render. rt_clear empties the film; in rt_render each work-item takes a launch's
+ * samples of RT_LANES pixels.
  *
  * Work-items are laid out in tiles of 8x4 pixels, so that the lanes of a warp look the same way. How pixels map to
  * work-items cannot change a bit of the film.
@@ -7,6 +8,17 @@
 
 #define RT_TILE_WIDTH 8u
 #define RT_TILE_PIXELS 32u
+
+RT_KERNEL(rt_clear)(RT_GLOBAL rt_film_pixel* RT_RESTRICT film, rt_u32 pixels)
+{
+	rt_u32 i = RT_GLOBAL_ID;
+	if (i < pixels) {
+		film[i].r = 0;
+		film[i].g = 0;
+		film[i].b = 0;
+		film[i].tally = 0;
+	}
+}
 
 /* film: window_width x (rows of the window), row-major. The launch covers rows [first_row, first_row + row_count) of
  * the window and samples [first_sample, first_sample + sample_count), sample_count <= RT_MAX_SAMPLES_PER_LAUNCH.

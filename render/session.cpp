@@ -1,6 +1,7 @@
 #include "render/session.h"
 
 #include "common/rt_features.h"
+#include "support/thread_pool.h"
 
 #include <algorithm>
 #include <chrono>
@@ -193,7 +194,8 @@ public:
 			film_.reset();
 			RT_TRY_ASSIGN(film_, device_->alloc(bytes));
 		}
-		return clear_page();
+		film_is_clear_ = false;
+		return success();
 	}
 
 	Status run_page(WorkQueue& queue)
@@ -239,8 +241,9 @@ public:
 			}
 		}
 		done_.clear();
+		film_is_clear_ = false;
 		stats_.read_seconds += seconds_since(start);
-		return clear_page();
+		return success();
 	}
 
 private:
@@ -259,23 +262,17 @@ private:
 		                    : upload(buffer, list.data(), list.size() * sizeof(T));
 	}
 
-	Status clear_page()
-	{
-		const std::vector<rt_film_pixel> zeros(std::min<std::size_t>(page_pixels_, std::size_t(1) << 18),
-		                                       rt_film_pixel{});
-		for (std::size_t first = 0; first < page_pixels_; first += zeros.size()) {
-			const std::size_t count = std::min(zeros.size(), page_pixels_ - first);
-			RT_TRY(device_->write(film_, first * sizeof(rt_film_pixel), zeros.data(), count * sizeof(rt_film_pixel)));
-		}
-		return success();
-	}
-
 	Status run(const Work& work)
 	{
 		const std::uint32_t width = shared_.packed.scene.window_width;
 		// Tiles of 8x4 pixels, 32 / lanes work-items each (kernels/render.cl).
 		const std::uint64_t tiles = std::uint64_t((width + 7) / 8) * ((work.rows + 3) / 4);
 		const Clock::time_point start = Clock::now();
+		if (!film_is_clear_) {
+			const auto pixels = static_cast<std::uint32_t>(page_pixels_);
+			RT_TRY(device_->launch(program_, "rt_clear", pixels, {film_, pixels}));
+			film_is_clear_ = true;
+		}
 		RT_TRY(device_->launch(program_, "rt_render", tiles * 32 / stats_.lanes,
 		                       {scene_, spheres_, wide_, ids_, sphere_materials_, materials_, textures_, texels_, film_,
 		                        work.first_row, work.rows, work.first_sample, work.samples},
@@ -323,15 +320,23 @@ private:
 	void add_pixels(const std::vector<rt_film_pixel>& pixels, std::size_t first, std::size_t count)
 	{
 		constexpr std::uint64_t segments_mask = (std::uint64_t(1) << RT_TALLY_REJECTED_SHIFT) - 1;
-		std::int64_t* sums = shared_.film.sums().data() + first * 3;
-		for (std::size_t i = 0; i < count; ++i, sums += 3) {
-			sums[0] += pixels[i].r;
-			sums[1] += pixels[i].g;
-			sums[2] += pixels[i].b;
-			const auto tally = static_cast<std::uint64_t>(pixels[i].tally);
-			shared_.film.segments += tally & segments_mask;
-			shared_.film.rejected += tally >> RT_TALLY_REJECTED_SHIFT;
-		}
+		std::atomic<std::uint64_t> segments{0}, rejected{0};
+		parallel_for(count, std::size_t(1) << 15, [&](std::uint64_t begin, std::uint64_t end) {
+			std::int64_t* sums = shared_.film.sums().data() + (first + begin) * 3;
+			std::uint64_t piece_segments = 0, piece_rejected = 0;
+			for (std::uint64_t i = begin; i < end; ++i, sums += 3) {
+				sums[0] += pixels[i].r;
+				sums[1] += pixels[i].g;
+				sums[2] += pixels[i].b;
+				const auto tally = static_cast<std::uint64_t>(pixels[i].tally);
+				piece_segments += tally & segments_mask;
+				piece_rejected += tally >> RT_TALLY_REJECTED_SHIFT;
+			}
+			segments += piece_segments;
+			rejected += piece_rejected;
+		});
+		shared_.film.segments += segments;
+		shared_.film.rejected += rejected;
 	}
 
 	DeviceHandle device_;
@@ -341,8 +346,9 @@ private:
 	BufferHandle scene_, spheres_, wide_, ids_, sphere_materials_, materials_, textures_, texels_, film_;
 	std::uint32_t page_row_ = 0;
 	std::size_t page_pixels_ = 0;
-	std::vector<Work> done_; // launches whose sums are on the device and not yet in the film
-	double budget_ = 0;      // pixel samples for the next launch
+	bool film_is_clear_ = false; // empty, or holding only the sums of done_
+	std::vector<Work> done_;     // launches whose sums are on the device and not yet in the film
+	double budget_ = 0;          // pixel samples for the next launch
 	unsigned snapshot_round_ = 0;
 };
 
@@ -375,7 +381,7 @@ ProgramSpec render_program(const PackedScene& packed, const DeviceInfo& device, 
 {
 	ProgramSpec spec;
 	spec.root = "kernels/render.cl";
-	spec.entries = {"rt_render"};
+	spec.entries = {"rt_clear", "rt_render"};
 	const bool permuted = (packed.features & RT_FEATURE_PERMUTED) != 0;
 	const std::uint32_t features = options.specialise ? packed.features : std::uint32_t(RT_FEATURE_ALL);
 	spec.defines.emplace_back("RT_LANES", fmt::format("{}", options.lanes ? options.lanes : device.native_lanes));

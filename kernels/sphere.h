@@ -22,6 +22,17 @@
 #include "common/rt_structs.h"
 #include "kernels/vec.h"
 
+/* A program specialised to few spheres knows how many, so that loops over them unroll. */
+#if defined(RT_DEF_SPHERE_COUNT)
+#define RT_FEW_SPHERES 1
+#define RT_SPHERE_COUNT(scene) ((rt_u32)RT_DEF_SPHERE_COUNT)
+#define RT_WIDE_COUNT(scene) ((rt_u32)RT_DEF_WIDE_COUNT)
+#else
+#define RT_FEW_SPHERES 0
+#define RT_SPHERE_COUNT(scene) ((scene)->sphere_count)
+#define RT_WIDE_COUNT(scene) ((scene)->wide_count)
+#endif
+
 typedef struct rt_ray {
 	rt_vec3 base, arm; /* origin = base + reach arm */
 	rt_float reach;
@@ -70,12 +81,17 @@ RT_FN rt_float rt_sphere_distance(rt_vec3 center, rt_float radius, rt_ray ray, r
 {
 	rt_foot f = rt_sphere_foot(center, ray);
 	rt_float discriminant = rt_foot_discriminant(f, radius);
-	rt_float half_chord = rt_sqrt(discriminant);
-	rt_float middle = f.b + f.b2;
-	rt_float near_t = middle - half_chord;
-	rt_float t = rt_sel(near_t > rt_splat(0.0f), near_t, middle + half_chord);
-	t = rt_sel(is_from, ray.chord, t);
-	*met = ((discriminant >= rt_splat(0.0f)) | is_from) & (t > rt_splat(0.0f));
+	rt_mask candidate = (discriminant >= rt_splat(0.0f)) | is_from;
+	rt_float t = ray.chord;
+	/* Of many spheres most are missed: they cost no square root. Among few, and where several lanes must agree, the
+	 * branch costs more than it saves. */
+	if (RT_FEW_SPHERES || RT_LANES > 1 || rt_any(candidate)) {
+		rt_float half_chord = rt_sqrt(discriminant);
+		rt_float middle = f.b + f.b2;
+		rt_float near_t = middle - half_chord;
+		t = rt_sel(is_from, t, rt_sel(near_t > rt_splat(0.0f), near_t, middle + half_chord));
+	}
+	*met = candidate & (t > rt_splat(0.0f));
 	return t;
 }
 
@@ -87,7 +103,10 @@ RT_FN rt_float rt_wide_distance(rt_vec3 center, rt_float radius, rt_float c0_hig
 	rt_foot f = rt_sphere_foot(center, ray);
 	rt_float c = rt_fma(rt_splat(-2.0f), v3_dot(center, origin), c0_high) + (origin_square + c0_low);
 	/* Within a radius of the foot b^2 - C is the better discriminant, further off r^2 - |l|^2. */
-	rt_float discriminant = rt_sel(rt_abs(f.b) < radius, rt_fma(f.b, f.b, -c), rt_foot_discriminant(f, radius));
+	rt_float discriminant = rt_fma(f.b, f.b, -c);
+	rt_mask distant = rt_not(rt_abs(f.b) < radius);
+	if (rt_any(distant))
+		discriminant = rt_sel(distant, rt_foot_discriminant(f, radius), discriminant);
 	rt_float half_chord = rt_sqrt(discriminant);
 	rt_mask ahead = f.b >= rt_splat(0.0f);
 	rt_float q = rt_sel(ahead, f.b + half_chord, f.b - half_chord);
@@ -115,14 +134,6 @@ RT_FN rt_hit rt_hit_nearer(rt_hit hit, rt_float t, rt_mask met, rt_u32 index, RT
 	hit.index = rt_sel(nearer, rt_splat_i((rt_i32)index), hit.index);
 	return hit;
 }
-
-#if defined(RT_DEF_SPHERE_COUNT)
-#define RT_SPHERE_COUNT(scene) ((rt_u32)RT_DEF_SPHERE_COUNT)
-#define RT_WIDE_COUNT(scene) ((rt_u32)RT_DEF_WIDE_COUNT)
-#else
-#define RT_SPHERE_COUNT(scene) ((scene)->sphere_count)
-#define RT_WIDE_COUNT(scene) ((scene)->wide_count)
-#endif
 
 RT_FN rt_hit rt_closest_hit(RT_GLOBAL const rt_scene* RT_RESTRICT scene, RT_GLOBAL const rt_sphere* RT_RESTRICT spheres,
                             RT_GLOBAL const rt_wide* RT_RESTRICT wide, RT_GLOBAL const rt_u32* RT_RESTRICT sphere_ids,

@@ -13,12 +13,12 @@ namespace rt {
 namespace {
 
 // What is drawn for a sphere; each is its own stream of random numbers.
-enum Dimension : std::uint64_t { X, Y, Z, Radius, Colour, dimensions = 8 };
+enum Dimension : std::uint64_t { X, Y, Z, Radius, Colour, Dimensions = 8 };
 
 // 24 random bits: SplitMix64's output function (Steele, Lea and Flood 2014) of a counter.
 std::uint32_t random_24_bits(std::uint64_t sphere, Dimension dimension)
 {
-	std::uint64_t z = (sphere * dimensions + dimension + 1) * 0x9e3779b97f4a7c15u;
+	std::uint64_t z = (sphere * Dimensions + dimension + 1) * 0x9e3779b97f4a7c15u;
 	z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
 	z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
 	return static_cast<std::uint32_t>((z ^ (z >> 31)) >> 40);

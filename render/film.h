@@ -49,7 +49,7 @@ public:
 
 	// XXH3-128 over u32 width, u32 height (of the window), u32 samples, i32 exponent, then the sums as i64, R G B a
 	// pixel, rows from the top; all little-endian. An uneven film hashes samples as 0xffffffff and appends the
-	// u32 counts. docs/contract.md gives the same in words.
+	// u32 counts. docs/formats.md gives the same in words.
 	Hash128 hash() const;
 
 	// Mean radiance of a pixel's channel (0, 1, 2), window coordinates, correctly rounded; 0 where no sample was taken.

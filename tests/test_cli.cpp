@@ -404,10 +404,11 @@ TEST_CASE("a device that is not there or not clear is refused")
 	const Outcome list = run(where, {"devices", "--json"});
 	REQUIRE(list.status == 0);
 	std::vector<std::string> seen;
-	for (const Json& device : Json::parse(list.out).at("devices"))
-		if (device.at("usable").get<bool>() &&
-		    (device.at("pci") == "" || std::count(seen.begin(), seen.end(), device.at("pci").get<std::string>()) == 0))
-			seen.push_back(device.at("pci").get<std::string>());
+	for (const Json& device : Json::parse(list.out).at("devices")) {
+		const auto pci = device.at("pci").get<std::string>();
+		if (device.at("usable").get<bool>() && (pci.empty() || std::count(seen.begin(), seen.end(), pci) == 0))
+			seen.push_back(pci);
+	}
 	if (seen.size() > 1)
 		check_refused(where, {"-d", ":", "--size", "4x4"}, 3, {"':' matches", "reference"});
 }

@@ -437,8 +437,9 @@ TEST_CASE("a sphere's picture has the size and place that perspective gives it")
 		const std::vector<std::int64_t> image = hits_of(render(scene, settings_of(48, 48, 64, 3)), 1.0);
 		double x = 0, y = 0;
 		for (std::size_t i = 0; i < image.size(); ++i) {
-			x += static_cast<double>(image[i]) * ((static_cast<double>(i % 48) + 0.5) / 24 - 1) * half;
-			y += static_cast<double>(image[i]) * (1 - (static_cast<double>(i / 48) + 0.5) / 24) * half;
+			const std::size_t column = i % 48, row = i / 48;
+			x += static_cast<double>(image[i]) * ((static_cast<double>(column) + 0.5) / 24 - 1) * half;
+			y += static_cast<double>(image[i]) * (1 - (static_cast<double>(row) + 0.5) / 24) * half;
 		}
 		const double count = static_cast<double>(total_of(image));
 		const double away = std::sin(psi) * std::cos(psi) / a;

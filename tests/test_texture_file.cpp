@@ -272,8 +272,8 @@ TEST_CASE("JPEG, baseline and progressive, colour and grey")
 		REQUIRE(image->height == 24);
 		for (const auto& [x, colour] : {std::pair<int, std::array<int, 3>>{3, {200, 60, 40}}, {28, {30, 90, 180}}})
 			for (int c = 0; c < 3; ++c) {
-				const auto value =
-				    static_cast<int>(image->texels[static_cast<std::size_t>(12 * 32 + x)] >> 8 * c & 255);
+				const auto texel = 12 * 32 + static_cast<std::size_t>(x);
+				const auto value = static_cast<int>(image->texels[texel] >> 8 * c & 255);
 				CHECK(std::abs(value - colour[static_cast<std::size_t>(c)]) <= 3);
 			}
 	}

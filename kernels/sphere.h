@@ -189,7 +189,11 @@ RT_FN rt_surface rt_sphere_surface(RT_GLOBAL const rt_scene* RT_RESTRICT scene,
 	rt_foot f = rt_sphere_foot(center, ray);
 	rt_vec3 l = v3_fma(-f.b2, ray.dir, f.l);
 	rt_float half_chord = rt_sqrt(rt_fma(s.radius, s.radius, -v3_dot(l, l)));
-	rt_float along = rt_sel(t > f.b + f.b2, half_chord, -half_chord);
+	/* Only from within does a ray meet the far side, and then the foot is nearer than the radius; from far away t and
+	 * the foot's distance are too coarse to tell the sides apart. */
+	rt_float middle = f.b + f.b2;
+	rt_mask far_side = (t > middle) & (middle < s.radius + s.radius);
+	rt_float along = rt_sel(far_side, half_chord, -half_chord);
 	rt_vec3 from_center = v3_fma(along, ray.dir, v3_negate(l));
 
 	/* On the far side of the sphere that the ray leaves t is exact, and from_center = t d - m is its mirror image. */

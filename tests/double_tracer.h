@@ -1,6 +1,6 @@
 // double_tracer.h: a second path tracer, for tests only.
 //
-// It is written from the definitions in docs/manual.md and from textbooks, in double precision, and shares no code and
+// It is written from the definitions in docs/scenes.md and from textbooks, in double precision, and shares no code and
 // no formula's form with kernels/: intersection by the quadratic formula, sampling by rejection, angles by the C
 // library, random numbers of std::mt19937_64. Where the two agree, both are right or both definitions are wrong.
 #pragma once

@@ -33,6 +33,10 @@
 #define RT_WIDE_COUNT(scene) ((scene)->wide_count)
 #endif
 
+/* Of many spheres most are missed: they cost no square root. Among few, and where several lanes must agree, the branch
+ * costs more than it saves. */
+#define RT_ROOT_OF_MISSED (RT_FEW_SPHERES || RT_LANES > 1)
+
 typedef struct rt_ray {
 	rt_vec3 base, arm; /* origin = base + reach arm */
 	rt_float reach;
@@ -83,9 +87,7 @@ RT_FN rt_float rt_sphere_distance(rt_vec3 center, rt_float radius, rt_ray ray, r
 	rt_float discriminant = rt_foot_discriminant(f, radius);
 	rt_mask candidate = (discriminant >= rt_splat(0.0f)) | is_from;
 	rt_float t = ray.chord;
-	/* Of many spheres most are missed: they cost no square root. Among few, and where several lanes must agree, the
-	 * branch costs more than it saves. */
-	if (RT_FEW_SPHERES || RT_LANES > 1 || rt_any(candidate)) {
+	if (RT_ROOT_OF_MISSED || rt_any(candidate)) {
 		rt_float half_chord = rt_sqrt(discriminant);
 		rt_float middle = f.b + f.b2;
 		rt_float near_t = middle - half_chord;

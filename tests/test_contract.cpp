@@ -265,13 +265,40 @@ TEST_CASE("rules 5 and 18: a flushing host thread changes nothing", "[contract]"
 	const float product = small * 0x1p-40f; // the control: this thread does flush
 	std::fesetround(FE_UPWARD);
 	const Film film = render(packed, reference_device(), {}, scene.samples);
+	const PackedScene packed_again = pack_test_scene(scene);
 	std::fesetround(FE_TONEAREST);
 	_mm_setcsr(saved);
 	CHECK(rt_bits(product) == 0u);
 	CHECK(film.hash().hex() == expected.hash().hex());
+	CHECK(std::memcmp(&packed_again.scene, &packed.scene, sizeof packed.scene) == 0);
+	CHECK(std::memcmp(packed_again.spheres.data(), packed.spheres.data(), packed.spheres.size() * sizeof(rt_sphere)) ==
+	      0);
+	CHECK(std::memcmp(packed_again.wide.data(), packed.wide.data(), packed.wide.size() * sizeof(rt_wide)) == 0);
 #else
 	WARN("skipped: written for x86-64");
 #endif
+}
+
+TEST_CASE("rule 6: a throughput below 2^-60 is nothing, and a path without throughput ends", "[contract]")
+{
+	// Inside a glowing sphere of albedo a the throughput after k scatterings is a^k.
+	const auto segments_a_sample = [](float albedo, const TestDevice& device) {
+		const TestScene scene{"closed", 8, 4, 2, 0};
+		PackedScene packed = pack_test_scene(scene);
+		packed.scene.max_depth = 50;
+		for (rt_material& material : packed.materials)
+			material.albedo_r = material.albedo_g = material.albedo_b = albedo;
+		const Film film = render(packed, device, {}, scene.samples);
+		CHECK(film.segments % (film.pixels() * scene.samples) == 0);
+		return film.segments / (film.pixels() * scene.samples);
+	};
+	for (const TestDevice& device : test_devices()) {
+		INFO(device.name);
+		CHECK(segments_a_sample(0x1p-20f, device) == 4);        // 2^-60 is kept, 2^-80 is not
+		CHECK(segments_a_sample(0x1.fffffep-21f, device) == 3); // just below 2^-60
+		CHECK(segments_a_sample(0.0f, device) == 1);
+		CHECK(segments_a_sample(0.5f, device) == 50);
+	}
 }
 
 TEST_CASE("rule 7: NaN is a miss, and a radiance that is no number counts as black and is tallied", "[contract]")

@@ -1,6 +1,7 @@
 // rt: the command line. The only part of the project that prints or exits.
 //
 // Each command returns a Status; its error is printed once, here, and its kind is the exit status.
+#include "support/float_environment.h"
 #include "tools/command_devices.h"
 #include "tools/command_info.h"
 #include "tools/command_render.h"
@@ -44,6 +45,8 @@ rt::Error unexpected(const char* what)
 
 int main(int argc, char** argv)
 {
+	// Scenes are read and rounded in it too (contract rule 18).
+	const rt::ContractFloatEnvironment environment;
 	try {
 		const rt::Status status = run(argc, argv);
 		return status ? 0 : rt::report_error(status.error());

@@ -13,11 +13,18 @@ namespace {
 
 __extension__ typedef __float128 Quad;
 
+// Said, where it is meant: -Wdouble-promotion watches the rest.
+template <class Number>
+Quad quad(Number x)
+{
+	return static_cast<Quad>(x);
+}
+
 Quad square_root(Quad x)
 {
 	if (!(x > 0))
 		return 0;
-	Quad y = std::sqrt(static_cast<double>(x));
+	Quad y = quad(std::sqrt(static_cast<double>(x)));
 	for (int i = 0; i < 3; ++i)
 		y = (y + x / y) / 2;
 	return y;
@@ -32,7 +39,7 @@ struct Exact {
 // First point of a sphere in front of the camera at the origin; the direction need not be of unit length.
 Exact intersect(const Quad center[3], Quad radius, rt_vec3 d)
 {
-	const Quad dir[3] = {d.x, d.y, d.z};
+	const Quad dir[3] = {quad(d.x), quad(d.y), quad(d.z)};
 	Quad a = 0, b = 0, c = -radius * radius;
 	for (int k = 0; k < 3; ++k) {
 		a += dir[k] * dir[k];
@@ -86,10 +93,10 @@ struct Errors {
 		}
 		if (!hit)
 			return;
-		t.push_back(std::fabs(static_cast<double>((t_found - exact.t) / exact.t)));
+		t.push_back(std::fabs(static_cast<double>((quad(t_found) - exact.t) / exact.t)));
 		double square = 0;
 		for (int k = 0; k < 3; ++k) {
-			const auto difference = static_cast<double>(n[k] - exact.normal[k]);
+			const auto difference = static_cast<double>(quad(n[k]) - exact.normal[k]);
 			square += difference * difference;
 		}
 		normal.push_back(std::sqrt(square));
@@ -165,8 +172,8 @@ TEST_CASE("rule 11: normals to 5e-7 and no false miss for |m| / r up to 1e7", "[
 			const double center_d[3] = {static_cast<double>(sphere.cx), static_cast<double>(sphere.cy),
 			                            static_cast<double>(sphere.cz)};
 			const rt_ray ray = camera_ray(center_d[0] + off * across[0], center_d[1], center_d[2] + off * across[2]);
-			const Quad center[3] = {sphere.cx, sphere.cy, sphere.cz};
-			const Exact exact = intersect(center, sphere.radius, ray.dir);
+			const Quad center[3] = {quad(sphere.cx), quad(sphere.cy), quad(sphere.cz)};
+			const Exact exact = intersect(center, quad(sphere.radius), ray.dir);
 
 			trace(sphere, nullptr, ray, exact, narrow);
 			const double r = static_cast<double>(sphere.radius);
@@ -203,13 +210,13 @@ TEST_CASE("rule 11: over a huge ground distances are right to 1e-6", "[geometry]
 			const rt_sphere sphere = {0, static_cast<float>(-depth), 0, static_cast<float>(radius)};
 			const double c0 = std::fma(-radius, radius, depth * depth);
 			// The ground as the scene says it, not as a float can: c0 carries the difference.
-			const Quad center[3] = {0, -static_cast<Quad>(depth), 0};
+			const Quad center[3] = {0, -quad(depth), 0};
 			const double horizon = std::sqrt(2 * height / radius);
 			for (int i = 0; i < 20000; ++i) {
 				const double down = horizon * 1.05 * std::pow(1 / (horizon * 1.05), uniform(random));
 				const double turn = 6.283185307179586 * uniform(random), level = std::sqrt(1 - down * down);
 				const rt_ray ray = camera_ray(level * std::cos(turn), -down, level * std::sin(turn));
-				const Exact exact = intersect(center, radius, ray.dir);
+				const Exact exact = intersect(center, quad(radius), ray.dir);
 				trace(sphere, &c0, ray, exact, wide);
 				float t = 0, normal[3] = {0, 0, 0};
 				const bool hit = textbook(sphere, ray.dir, t, normal);
@@ -258,9 +265,9 @@ TEST_CASE("rule 10: leaving outward a ray never meets its sphere, inward only th
 			// The chord by 113-bit arithmetic, and the normal at its end: the mirror image of the first.
 			Quad projection = 0;
 			for (const auto& [a, b] : {std::pair(n.x, d.x), std::pair(n.y, d.y), std::pair(n.z, d.z)})
-				projection += static_cast<Quad>(a) * b;
-			const Quad chord = -2 * static_cast<Quad>(radius) * projection;
-			worst_chord = std::max(worst_chord, std::fabs(static_cast<double>((hit.t - chord) / radius)));
+				projection += quad(a) * quad(b);
+			const Quad chord = -2 * quad(radius) * projection;
+			worst_chord = std::max(worst_chord, std::fabs(static_cast<double>((quad(hit.t) - chord) / quad(radius))));
 			const rt_surface surface = rt_sphere_surface(&scene, &sphere, ray, hit.t, 0);
 			const rt_vec3 mirrored = v3_fma(-2 * v3_dot(n, d), d, n);
 			const rt_vec3 difference = v3_sub(surface.normal, mirrored);

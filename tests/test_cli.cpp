@@ -404,7 +404,8 @@ TEST_CASE("a device that is not there or not clear is refused")
 	const Outcome list = run(where, {"devices", "--json"});
 	REQUIRE(list.status == 0);
 	std::vector<std::string> seen;
-	for (const Json& device : Json::parse(list.out).at("devices")) {
+	const Json shown = Json::parse(list.out);
+	for (const Json& device : shown.at("devices")) {
 		const auto pci = device.at("pci").get<std::string>();
 		if (device.at("usable").get<bool>() && (pci.empty() || std::count(seen.begin(), seen.end(), pci) == 0))
 			seen.push_back(pci);

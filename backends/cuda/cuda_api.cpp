@@ -80,8 +80,11 @@ const Result<const CudaApi*>& CudaApi::load()
 {
 	// Never destroyed: devices in static storage may be released after this file's statics would be.
 	static const auto& loaded = *[] {
-		auto* const api = new CudaApi;
-		return new Result<const CudaApi*>(load_library(api->library_, *api));
+		auto api = std::make_unique<CudaApi>();
+		const auto* const result = new Result<const CudaApi*>(load_library(api->library_, *api));
+		if (*result)
+			static_cast<void>(api.release());
+		return result;
 	}();
 	return loaded;
 }

@@ -27,7 +27,7 @@ Result<const OpenClApi*> load_api()
 		             library.error().log};
 	// Both objects stay for the life of the process; opencl_api.h says why.
 	static const auto* keep = new std::shared_ptr<DynamicLibrary>(*library);
-	auto* api = new OpenClApi;
+	auto api = std::make_unique<OpenClApi>();
 	const char* missing = nullptr;
 #define RT_LOAD(name)                          \
 	if (!(*keep)->load(api->name, "cl" #name)) \
@@ -41,7 +41,7 @@ Result<const OpenClApi*> load_api()
 		             "install a loader for OpenCL 1.2 or later: Debian and Ubuntu ocl-icd-libopencl1, Fedora ocl-icd, "
 		             "Arch ocl-icd",
 		             {}};
-	return api;
+	return api.release();
 }
 
 struct CodeInWords {
@@ -164,7 +164,7 @@ std::string find_nvidia_library()
 	const Result<std::shared_ptr<DynamicLibrary>> library = DynamicLibrary::open(names);
 	if (!library)
 		return {};
-	new std::shared_ptr<DynamicLibrary>(library.value()); // a driver, never unloaded
+	[[maybe_unused]] static const auto* const keep = new std::shared_ptr<DynamicLibrary>(*library); // never unloaded
 	return library.value()->path();
 }
 

@@ -292,10 +292,11 @@ Result<SelfTestItem> ask_layout(Device& device, const ProgramHandle& program)
 	return item;
 }
 
-Result<SelfTestItem> ask_stress_tile(Device& device, const ProgramHandle& program)
+Result<SelfTestItem> ask_stress_tile(Device& device, const ProgramHandle& program, bool through_tree)
 {
-	RT_TRY_ASSIGN(const Hash128 hash, render_stress_tile(device, program));
-	SelfTestItem item{"stress tile", hash.hex() == stress_tile_hash, true, {}};
+	RT_TRY_ASSIGN(const Hash128 hash, render_stress_tile(device, program, through_tree));
+	SelfTestItem item{
+	    through_tree ? "stress tile through a tree" : "stress tile", hash.hex() == stress_tile_hash, true, {}};
 	if (!item.passed)
 		item.detail = fmt::format("hash {}, the contract says {}", hash.hex(), stress_tile_hash);
 	return item;
@@ -318,8 +319,10 @@ Result<SelfTestReport> run(const DeviceHandle& device, bool software_roots)
 		RT_TRY_ASSIGN(SelfTestItem item, ask(*device, program, question));
 		report.items.push_back(std::move(item));
 	}
-	RT_TRY_ASSIGN(SelfTestItem tile, ask_stress_tile(*device, program));
-	report.items.push_back(std::move(tile));
+	for (const bool through_tree : {false, true}) {
+		RT_TRY_ASSIGN(SelfTestItem tile, ask_stress_tile(*device, program, through_tree));
+		report.items.push_back(std::move(tile));
+	}
 	report.passed = true;
 	for (const SelfTestItem& item : report.items)
 		report.passed = report.passed && (item.passed || !item.required);

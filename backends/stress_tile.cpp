@@ -2,12 +2,15 @@
 
 #include "common/rt_structs.h"
 
-#include <cstdlib>
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <limits>
 #include <vector>
 
 namespace rt {
 
-const char* const stress_tile_hash = "146efb52940acc05b6e2bb912db5a9a1";
+const char* const stress_tile_hash = "b3c20040270f4582c59175032f3dc2c4";
 
 namespace {
 
@@ -58,6 +61,7 @@ struct StressScene {
 		add({-0.25f, 1.25f, 2.0f, 0.25f}, lamp());
 		scene.sphere_count = static_cast<std::uint32_t>(spheres.size());
 		scene.wide_count = static_cast<std::uint32_t>(wide.size());
+		scene.bvh_root = RT_BVH_NONE;
 
 		rt_texture checker{};
 		checker.kind = RT_TEXTURE_CHECKER;
@@ -74,7 +78,51 @@ struct StressScene {
 			texels.push_back((i * 0x9e3779b9u) >> 8);
 	}
 
+	// A tree of one node by hand (rt_row4's layout, common/rt_structs.h): its children are leaves of neighbours in the
+	// list, in storage order.
+	std::vector<rt_row4> plant_tree(std::uint32_t lanes)
+	{
+		const std::uint32_t width = RT_BVH_WIDTH(lanes), first = scene.wide_count, count = scene.sphere_count - first;
+		const std::uint32_t a_leaf = (count + width - 1) / width, node_words = RT_BVH_NODE_ROWS(width) * 4;
+		const std::uint32_t block_words = RT_BVH_BLOCK_ROWS(width) * 4;
+		std::vector<float> words(node_words);
+		for (std::uint32_t k = 0; k < width; ++k) {
+			const std::uint32_t begin = first + std::min(count, k * a_leaf);
+			const std::uint32_t end = first + std::min(count, (k + 1) * a_leaf);
+			float box[6] = {0x1p60f, -0x1p60f, 0x1p60f, -0x1p60f, 0x1p60f, -0x1p60f};
+			std::vector<float> block(block_words, std::numeric_limits<float>::quiet_NaN());
+			put(block[0], begin);
+			put(block[1], end - begin);
+			for (std::uint32_t i = begin; i < end; ++i) {
+				const rt_sphere& s = spheres[i];
+				const float center[3] = {s.cx, s.cy, s.cz};
+				for (std::uint32_t axis = 0; axis < 3; ++axis) {
+					box[2 * axis] = std::min(box[2 * axis], center[axis] - s.radius);
+					box[2 * axis + 1] = std::max(box[2 * axis + 1], center[axis] + s.radius);
+					block[4 + axis * width + (i - begin)] = center[axis];
+					scene.bvh_extent = std::max(scene.bvh_extent, std::fabs(center[axis]) + s.radius);
+				}
+				block[4 + 3 * width + (i - begin)] = s.radius;
+			}
+			for (std::uint32_t plane = 0; plane < 6; ++plane)
+				words[plane * width + k] = box[plane];
+			std::uint32_t link = RT_BVH_NONE;
+			if (begin < end)
+				link = RT_BVH_LEAF | (lanes > 1 ? k : (end - begin - 1) << RT_BVH_COUNT_SHIFT | begin);
+			put(words[6 * width + k], link);
+			if (lanes > 1)
+				words.insert(words.end(), block.begin(), block.end());
+		}
+		scene.bvh_root = 0;
+		scene.bvh_blocks = node_words / 4;
+		std::vector<rt_row4> rows(words.size() / 4);
+		std::memcpy(rows.data(), words.data(), words.size() * sizeof(float));
+		return rows;
+	}
+
 private:
+	static void put(float& word, std::uint32_t bits) { std::memcpy(&word, &bits, sizeof word); }
+
 	static rt_material plain(std::uint32_t kind)
 	{
 		rt_material material{};
@@ -152,15 +200,19 @@ Result<BufferHandle> upload(Device& device, const std::vector<T>& list)
 
 } // namespace
 
-Result<Hash128> render_stress_tile(Device& device, const ProgramHandle& program)
+Result<Hash128> render_stress_tile(Device& device, const ProgramHandle& program, bool through_tree)
 {
-	const StressScene stress;
+	StressScene stress;
+	std::vector<rt_row4> tree(1);
+	if (through_tree)
+		tree = stress.plant_tree(device.info().native_lanes);
 	std::vector<rt_film_pixel> pixels(size * size, rt_film_pixel{});
 	RT_TRY_ASSIGN(const BufferHandle scene, upload(device, std::vector<rt_scene>{stress.scene}));
 	RT_TRY_ASSIGN(const BufferHandle spheres, upload(device, stress.spheres));
 	RT_TRY_ASSIGN(const BufferHandle wide, upload(device, stress.wide));
 	RT_TRY_ASSIGN(const BufferHandle ids, upload(device, stress.ids));
 	RT_TRY_ASSIGN(const BufferHandle sphere_materials, upload(device, stress.sphere_materials));
+	RT_TRY_ASSIGN(const BufferHandle bvh, upload(device, tree));
 	RT_TRY_ASSIGN(const BufferHandle materials, upload(device, stress.materials));
 	RT_TRY_ASSIGN(const BufferHandle textures, upload(device, stress.textures));
 	RT_TRY_ASSIGN(const BufferHandle texels, upload(device, stress.texels));
@@ -168,7 +220,7 @@ Result<Hash128> render_stress_tile(Device& device, const ProgramHandle& program)
 	const std::uint32_t items = size * size / device.info().native_lanes;
 	RT_TRY(device.launch(
 	    program, "rt_render", items,
-	    {scene, spheres, wide, ids, sphere_materials, materials, textures, texels, film, 0u, size, 0u, samples}));
+	    {scene, spheres, wide, ids, sphere_materials, bvh, materials, textures, texels, film, 0u, size, 0u, samples}));
 	RT_TRY(device.wait());
 	RT_TRY(device.read(film, 0, pixels.data(), pixels.size() * sizeof(rt_film_pixel)));
 	Hasher hasher;

@@ -10,7 +10,8 @@ namespace rt {
 // Hash of the tile's sums on every device that keeps the contract of RT_CONTRACT_VERSION.
 extern const char* const stress_tile_hash;
 
-// Renders the tile with a program that has the entry rt_render and all features.
-Result<Hash128> render_stress_tile(Device& device, const ProgramHandle& program);
+// Renders the tile with a program that has the entry rt_render and all features; its spheres are tried one after the
+// other or found through a small tree, which must give the same hash.
+Result<Hash128> render_stress_tile(Device& device, const ProgramHandle& program, bool through_tree);
 
 } // namespace rt

@@ -6,7 +6,9 @@
  *   RT_FN RT_KERNEL RT_GLOBAL RT_PRIVATE RT_RESTRICT RT_TABLE RT_GLOBAL_ID   qualifiers
  *   rt_u32 rt_i32 rt_u64 rt_i64                                             scalars of fixed width
  *   rt_float rt_int rt_uint rt_mask                                         one value a lane
- *   rt_splat* rt_sel rt_any rt_not rt_lane_ids RT_GATHER_* rt_store_u       lane operations
+ *   rt_splat* rt_sel rt_any rt_not rt_lane_ids RT_GATHER_*                  lane operations
+ *   rt_store_* rt_load_*                                                    all lanes to memory and back
+ *   rt_load_rows rt_mask_bits rt_lowest_bit                                 for one ray against RT_LANES things
  *   rt_seed_* rt_native_* rt_vote_any                                       what a device does its own way
  *
  * Lanes. With RT_LANES = 1 a lane type is a scalar and `if (rt_any(m))` is an ordinary branch. With
@@ -66,6 +68,7 @@
 #define RT_RESTRICT restrict
 #define RT_TABLE __constant
 #define RT_GLOBAL_ID ((rt_u32)get_global_id(0))
+#define RT_ALIGN_16 __attribute__((aligned(16)))
 typedef uint rt_u32;
 typedef int rt_i32;
 typedef ulong rt_u64;
@@ -80,6 +83,7 @@ typedef long rt_i64;
 #define RT_RESTRICT __restrict__
 #define RT_TABLE static __device__ const
 #define RT_GLOBAL_ID (blockIdx.x * blockDim.x + threadIdx.x)
+#define RT_ALIGN_16 __align__(16)
 typedef unsigned int rt_u32;
 typedef int rt_i32;
 typedef unsigned long long rt_u64;
@@ -98,6 +102,7 @@ typedef long long rt_i64;
 #define RT_RESTRICT __restrict__
 #define RT_TABLE [[maybe_unused]] static const
 #define RT_GLOBAL_ID rt_host_global_id
+#define RT_ALIGN_16 alignas(16)
 typedef std::uint32_t rt_u32;
 typedef std::int32_t rt_i32;
 typedef std::uint64_t rt_u64;
@@ -197,6 +202,15 @@ typedef RT_JOIN(int, RT_LANES) rt_mask;
 #define rt_to_uint(x) RT_JOIN(convert_uint, RT_LANES)(x)
 
 #define rt_store_u(x, pointer) RT_JOIN(vstore, RT_LANES)((x), 0, (pointer))
+#define rt_store_f(x, pointer) RT_JOIN(vstore, RT_LANES)((x), 0, (pointer))
+#define rt_load_u(pointer) RT_JOIN(vload, RT_LANES)(0, (pointer))
+#define rt_load_f(pointer) RT_JOIN(vload, RT_LANES)(0, (pointer))
+/* The i-th RT_LANES floats from a row on */
+#define rt_load_rows(row, i) RT_JOIN(vload, RT_LANES)((i), (RT_GLOBAL const float*)(row))
+#define rt_bits_one(x) as_uint(x)
+
+/* The number of the lowest bit that is set in x, x not 0. */
+#define rt_lowest_bit(x) ((rt_u32)popcount(((x) & (0u - (x))) - 1u))
 
 #if RT_LANES == 4
 #define RT_EACH_LANE(array, i, field) \
@@ -218,6 +232,20 @@ typedef RT_JOIN(int, RT_LANES) rt_mask;
 #error "rt: RT_LANES must be 1, 4, 8 or 16"
 #endif
 #define rt_lane_ids() ((rt_uint)(RT_LANE_NUMBERS))
+
+/* Bit k tells of lane k: halves are laid over each other until one lane is left. */
+#define RT_FOLD_LANES(x) ((x).lo | (x).hi)
+RT_FN rt_u32 rt_mask_bits(rt_mask mask)
+{
+	rt_mask bits = mask & (rt_splat_i(1) << rt_to_int(rt_lane_ids()));
+#if RT_LANES == 4
+	return (rt_u32)RT_FOLD_LANES(RT_FOLD_LANES(bits));
+#elif RT_LANES == 8
+	return (rt_u32)RT_FOLD_LANES(RT_FOLD_LANES(RT_FOLD_LANES(bits)));
+#else
+	return (rt_u32)RT_FOLD_LANES(RT_FOLD_LANES(RT_FOLD_LANES(RT_FOLD_LANES(bits))));
+#endif
+}
 #define RT_GATHER_F(array, index, field) ((rt_float)(RT_EACH_LANE(array, index, field)))
 #define RT_GATHER_U(array, index, field) ((rt_uint)(RT_EACH_LANE(array, index, field)))
 

@@ -6,15 +6,17 @@
 #ifndef RT_CONTRACT_H
 #define RT_CONTRACT_H
 
-#define RT_CONTRACT_VERSION 1
+#define RT_CONTRACT_VERSION 2
 
 /* Rule 5: every nonzero length of a scene lies in [2^-30, 2^30], and no sphere is further than 2^24 radii away. */
 #define RT_MIN_LENGTH 0x1p-30
 #define RT_MAX_LENGTH 0x1p+30
 #define RT_MAX_DISTANCE_IN_RADII 0x1p+24
 
-/* A sphere is wide if its radius is at least this many times the scene's smallest. */
+/* A sphere is wide if its radius is at least RT_WIDE_RATIO times the scene's smallest and the camera is within
+ * RT_WIDE_REACH radii of its centre: further off, C = |m|^2 - r^2 has lost more than r^2 - |l|^2 does. */
 #define RT_WIDE_RATIO 32.0
+#define RT_WIDE_REACH 2.0
 
 /* Rule 6: throughput components below this are set to zero. */
 #define RT_MIN_THROUGHPUT 0x1p-60f

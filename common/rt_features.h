@@ -19,25 +19,31 @@
 #define RT_FEATURE_GRADIENT 0x200u /* a sky that changes with height */
 #define RT_FEATURE_WIDE 0x400u     /* spheres much larger than the smallest: the near-surface form of the test */
 #define RT_FEATURE_PERMUTED 0x800u /* spheres stored in another order than their ids */
-#define RT_FEATURE_ALL 0xfffu
+#define RT_FEATURE_BVH 0x1000u     /* spheres found through a tree */
+#define RT_FEATURE_ALL 0x1fffu
 
 /* X(bit, name, what it is), lowest bit first: for printing */
-#define RT_FEATURE_LIST(X)                                                      \
-	X(RT_FEATURE_LAMBERTIAN, "lambertian", "diffuse surfaces")                  \
-	X(RT_FEATURE_METAL, "metal", "mirrors")                                     \
-	X(RT_FEATURE_FUZZ, "fuzz", "metal whose reflection is spread")              \
-	X(RT_FEATURE_DIELECTRIC, "dielectric", "refraction and Fresnel reflection") \
-	X(RT_FEATURE_EMISSION, "emission", "surfaces that emit")                    \
-	X(RT_FEATURE_CHECKER, "checker", "checker textures")                        \
-	X(RT_FEATURE_IMAGE, "image", "image textures")                              \
-	X(RT_FEATURE_DEFOCUS, "defocus", "thin lens")                               \
-	X(RT_FEATURE_SKY, "sky", "a sky that is not black")                         \
-	X(RT_FEATURE_GRADIENT, "gradient", "a sky that changes with height")        \
-	X(RT_FEATURE_WIDE, "wide", "spheres much larger than the smallest")         \
-	X(RT_FEATURE_PERMUTED, "permuted", "spheres stored in another order than their ids")
+#define RT_FEATURE_LIST(X)                                                               \
+	X(RT_FEATURE_LAMBERTIAN, "lambertian", "diffuse surfaces")                           \
+	X(RT_FEATURE_METAL, "metal", "mirrors")                                              \
+	X(RT_FEATURE_FUZZ, "fuzz", "metal whose reflection is spread")                       \
+	X(RT_FEATURE_DIELECTRIC, "dielectric", "refraction and Fresnel reflection")          \
+	X(RT_FEATURE_EMISSION, "emission", "surfaces that emit")                             \
+	X(RT_FEATURE_CHECKER, "checker", "checker textures")                                 \
+	X(RT_FEATURE_IMAGE, "image", "image textures")                                       \
+	X(RT_FEATURE_DEFOCUS, "defocus", "thin lens")                                        \
+	X(RT_FEATURE_SKY, "sky", "a sky that is not black")                                  \
+	X(RT_FEATURE_GRADIENT, "gradient", "a sky that changes with height")                 \
+	X(RT_FEATURE_WIDE, "wide", "spheres much larger than the smallest")                  \
+	X(RT_FEATURE_PERMUTED, "permuted", "spheres stored in another order than their ids") \
+	X(RT_FEATURE_BVH, "bvh", "spheres found through a tree")
 
 #ifndef RT_FEATURES
 #define RT_FEATURES RT_FEATURE_ALL
+#endif
+/* A tree stores spheres in its own order. */
+#if (RT_FEATURES & RT_FEATURE_BVH) != 0u && (RT_FEATURES & RT_FEATURE_PERMUTED) == 0u
+#error "rt: RT_FEATURE_BVH needs RT_FEATURE_PERMUTED"
 #endif
 
 /* Usable in #if and in if: is this capability compiled in? */

@@ -10,6 +10,7 @@
 #define RT_LAYOUT_LIST(S, M)                                                                           \
 	S(rt_sphere) M(rt_sphere, cx) M(rt_sphere, cy) M(rt_sphere, cz) M(rt_sphere, radius)               \
 	S(rt_wide) M(rt_wide, c0_high) M(rt_wide, c0_low)                                                  \
+	S(rt_row4) M(rt_row4, a) M(rt_row4, b) M(rt_row4, c) M(rt_row4, d)                                 \
 	S(rt_material) M(rt_material, albedo_r) M(rt_material, albedo_g) M(rt_material, albedo_b)          \
 	M(rt_material, fuzz) M(rt_material, emission_r) M(rt_material, emission_g)                         \
 	M(rt_material, emission_b) M(rt_material, ior) M(rt_material, ior_inverse) M(rt_material, kind)    \
@@ -26,7 +27,8 @@
 	M(rt_scene, film_scale) M(rt_scene, film_scale_high) M(rt_scene, radiance_limit)                   \
 	M(rt_scene, width) M(rt_scene, height) M(rt_scene, window_x) M(rt_scene, window_y)                 \
 	M(rt_scene, window_width) M(rt_scene, window_height) M(rt_scene, seed) M(rt_scene, max_depth)      \
-	M(rt_scene, sphere_count) M(rt_scene, wide_count)                                                  \
+	M(rt_scene, sphere_count) M(rt_scene, wide_count) M(rt_scene, bvh_root) M(rt_scene, bvh_blocks)    \
+	M(rt_scene, bvh_x) M(rt_scene, bvh_y) M(rt_scene, bvh_z) M(rt_scene, bvh_extent)                   \
 	S(rt_film_pixel) M(rt_film_pixel, r) M(rt_film_pixel, g) M(rt_film_pixel, b) M(rt_film_pixel, tally)
 /* clang-format on */
 

@@ -25,6 +25,29 @@ typedef struct rt_wide {
 } rt_wide;
 RT_STATIC_ASSERT(sizeof(rt_wide) == 16, wide);
 
+/* Four floats that devices read at once: what a BVH is made of (kernels/bvh.h, render/bvh.h).
+ *
+ * A node of W children is 7 W / 4 rows: W low and W high planes in x, then in y, then in z, then W links. A link is a
+ * node's index or, with RT_BVH_LEAF, spheres: for one lane (W = 4) the first one's storage index and their count - 1;
+ * for several (W = RT_LANES) the index of a block. A block is 1 + W rows: the first sphere's storage index, then W
+ * centres' x, y and z and W radii, where a slot without a sphere has radius NaN, which is never met. Links and indices
+ * are bit patterns. */
+typedef struct RT_ALIGN_16 rt_row4 {
+	float a, b, c, d;
+} rt_row4;
+RT_STATIC_ASSERT(sizeof(rt_row4) == 16, row4);
+
+#define RT_BVH_WIDTH(lanes) ((lanes) == 1u ? 4u : (lanes))
+#define RT_BVH_NODE_ROWS(width) (7u * (width) / 4u)
+#define RT_BVH_BLOCK_ROWS(width) (1u + (width))
+#define RT_BVH_LEAF 0x80000000u
+#define RT_BVH_COUNT_SHIFT 27
+#define RT_BVH_COUNT_MASK 0xfu
+#define RT_BVH_FIRST_MASK 0x7ffffffu
+#define RT_BVH_NONE 0xffffffffu /* no tree, or no child */
+/* Links that a walk keeps at most; the builder sees to it. */
+#define RT_BVH_STACK(lanes) ((lanes) == 1u ? 64u : 128u)
+
 #define RT_MATERIAL_LAMBERTIAN 0u
 #define RT_MATERIAL_METAL 1u
 #define RT_MATERIAL_DIELECTRIC 2u
@@ -79,9 +102,12 @@ typedef struct rt_scene {
 	rt_u32 window_width, window_height;
 	rt_u32 seed, max_depth;
 	rt_u32 sphere_count, wide_count; /* wide spheres have the ids [0, wide_count) */
-	rt_u32 reserved8, reserved9;
+	rt_u32 bvh_root;                 /* a link; RT_BVH_NONE where all spheres are to be tried */
+	rt_u32 bvh_blocks;               /* row at which the blocks begin */
+	float bvh_x, bvh_y, bvh_z;       /* the tree's centre, of which its boxes are relative */
+	float bvh_extent;                /* no box reaches further from the centre, along any axis */
 } rt_scene;
-RT_STATIC_ASSERT(sizeof(rt_scene) == 176, scene);
+RT_STATIC_ASSERT(sizeof(rt_scene) == 192, scene);
 
 /* A pixel of the film: sums of round-half-even(radiance 2^f), and a tally of path segments (low 40 bits) and rejected
  * samples (bits 40 and up). */

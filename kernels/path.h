@@ -8,23 +8,12 @@
 
 #include "common/rt_features.h"
 #include "common/rt_structs.h"
+#include "kernels/bvh.h"
 #include "kernels/camera.h"
 #include "kernels/film.h"
 #include "kernels/material.h"
 #include "kernels/sphere.h"
 #include "kernels/texture.h"
-
-/* Everything of a scene in device memory. */
-typedef struct rt_scene_view {
-	RT_GLOBAL const rt_scene* scene;
-	RT_GLOBAL const rt_sphere* spheres;
-	RT_GLOBAL const rt_wide* wide;
-	RT_GLOBAL const rt_u32* sphere_ids;
-	RT_GLOBAL const rt_u32* sphere_materials;
-	RT_GLOBAL const rt_material* materials;
-	RT_GLOBAL const rt_texture* textures;
-	RT_GLOBAL const rt_u32* texels;
-} rt_scene_view;
 
 /* A path on its way. */
 typedef struct rt_path {
@@ -136,6 +125,7 @@ RT_FN rt_mask rt_path_scatter(rt_scene_view view, RT_PRIVATE rt_path* path, rt_h
 #endif
 #if RT_HAS(RT_FEATURE_METAL)
 	mirror = kind == rt_splat_u(RT_MATERIAL_METAL);
+	direction = v3_sel(mirror, rt_reflect(d, c, n), direction);
 #endif
 #if RT_HAS(RT_FEATURE_LAMBERTIAN) || RT_HAS(RT_FEATURE_FUZZ)
 	rt_disc_sample disc;
@@ -145,25 +135,23 @@ RT_FN rt_mask rt_path_scatter(rt_scene_view view, RT_PRIVATE rt_path* path, rt_h
 	rt_mask diffuse = RT_FALSE;
 #endif
 #if RT_HAS(RT_FEATURE_FUZZ)
-	rt_mask spread = diffuse | mirror;
+	rt_float fuzz = RT_GATHER_F(view.materials, material, .fuzz);
+	rt_mask fuzzy = mirror & (fuzz > rt_splat(0.0f));
 #else
-	rt_mask spread = diffuse;
+	rt_mask fuzzy = RT_FALSE;
 #endif
-	if (rt_any(shade & spread)) {
+	if (rt_any(shade & (diffuse | fuzzy))) {
 		disc = rt_sample_disc(u);
 #if RT_HAS(RT_FEATURE_LAMBERTIAN)
 		direction = v3_sel(diffuse, rt_scatter_lambertian(disc, n), direction);
 #endif
 #if RT_HAS(RT_FEATURE_FUZZ)
-		rt_vec3 fuzzy = rt_scatter_metal(disc, u.a, RT_GATHER_F(view.materials, material, .fuzz), rt_reflect(d, c, n));
-		direction = v3_sel(mirror, fuzzy, direction);
+		direction = v3_sel(fuzzy, v3_normalize(rt_scatter_metal(disc, u.a, fuzz, direction), n), direction);
 #endif
 	}
 #endif
-#if RT_HAS(RT_FEATURE_METAL) && !RT_HAS(RT_FEATURE_FUZZ)
-	direction = v3_sel(mirror, rt_reflect(d, c, n), direction);
-#endif
-	direction = v3_normalize(direction, n);
+	/* Its length is off by roundings only. */
+	direction = v3_renormalize(direction);
 	ended = ended | (mirror & rt_not(v3_dot(direction, n) > rt_splat(0.0f)));
 
 	/* Weigh it. */
@@ -214,7 +202,7 @@ RT_FN rt_film_sum rt_trace_pixels(rt_scene_view view, rt_uint x, rt_uint y, rt_m
 	while (rt_vote_any(live)) {
 		RT_IF_ONE_LANE(live)
 		{
-			rt_hit hit = rt_closest_hit(view.scene, view.spheres, view.wide, view.sphere_ids, path.ray);
+			rt_hit hit = rt_closest_hit(view, path.ray, live);
 			rt_mask met = hit.index >= rt_splat_i(0);
 			rt_mask missed = live & rt_not(met);
 			rt_mask shade = live & met;

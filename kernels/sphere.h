@@ -11,15 +11,17 @@
  * sphere is far away (Hearn and Baker; Haines, Gunther and Akenine-Moller 2019, Ray Tracing Gems 7). One more
  * projection (b2 = l . d, "twice is enough") removes what rounding of b left in l.
  *
- * A wide sphere (RT_WIDE_RATIO times the smallest or more) is mostly seen from close by, where C = |m|^2 - r^2 is the
- * difference of huge numbers. Seen from the camera C is known to twice the precision (rt_wide), and
- * C(o) = C0 - 2 c . o + |o|^2; the roots are then q and C / q (Press et al., Numerical Recipes, section 5.6).
+ * A wide sphere (RT_WIDE_RATIO times the smallest or more, the camera within RT_WIDE_REACH radii) is mostly seen from
+ * close by, where C = |m|^2 - r^2 is the difference of huge numbers. Seen from the camera C is known to twice the
+ * precision (rt_wide), and C(o) = C0 - 2 c . o + |o|^2; the roots are then q and C / q (Press et al., Numerical
+ * Recipes, section 5.6).
  */
 #ifndef RT_SPHERE_H
 #define RT_SPHERE_H
 
 #include "common/rt_features.h"
 #include "common/rt_structs.h"
+#include "kernels/scene_view.h"
 #include "kernels/vec.h"
 
 /* A program specialised to few spheres knows how many, so that loops over them unroll. */
@@ -32,6 +34,9 @@
 #define RT_SPHERE_COUNT(scene) ((scene)->sphere_count)
 #define RT_WIDE_COUNT(scene) ((scene)->wide_count)
 #endif
+
+/* No distance is larger. */
+#define RT_MAX_FLOAT 0x1.fffffep+127f
 
 /* Of many spheres most are missed: they cost no square root. Among few, and where several lanes must agree, the branch
  * costs more than it saves. */
@@ -80,18 +85,19 @@ RT_FN rt_float rt_foot_discriminant(rt_foot f, rt_float radius)
 	return rt_fma(f.b2, f.b2, rt_fma(radius, radius, -v3_dot(f.l, f.l)));
 }
 
-/* Distance to the first point of the sphere in front of the origin; *met says whether there is one. */
+/* Distance to the first point of the sphere in front of the origin; *met says whether there is one. The sphere that the
+ * ray leaves is never met here: its far side is the ray's chord. */
 RT_FN rt_float rt_sphere_distance(rt_vec3 center, rt_float radius, rt_ray ray, rt_mask is_from, RT_PRIVATE rt_mask* met)
 {
 	rt_foot f = rt_sphere_foot(center, ray);
 	rt_float discriminant = rt_foot_discriminant(f, radius);
-	rt_mask candidate = (discriminant >= rt_splat(0.0f)) | is_from;
-	rt_float t = ray.chord;
+	rt_mask candidate = (discriminant >= rt_splat(0.0f)) & rt_not(is_from);
+	rt_float t = rt_splat(0.0f);
 	if (RT_ROOT_OF_MISSED || rt_any(candidate)) {
 		rt_float half_chord = rt_sqrt(discriminant);
 		rt_float middle = f.b + f.b2;
 		rt_float near_t = middle - half_chord;
-		t = rt_sel(is_from, t, rt_sel(near_t > rt_splat(0.0f), near_t, middle + half_chord));
+		t = rt_sel(near_t > rt_splat(0.0f), near_t, middle + half_chord);
 	}
 	*met = candidate & (t > rt_splat(0.0f));
 	return t;
@@ -115,11 +121,22 @@ RT_FN rt_float rt_wide_distance(rt_vec3 center, rt_float radius, rt_float c0_hig
 	rt_mask two_roots = rt_abs(q) > rt_splat(RT_MIN_SQUARE);
 	rt_float other = c * rt_rcp(rt_sel(two_roots, q, rt_splat(1.0f)));
 	rt_float t = rt_sel(ahead & rt_not(other > rt_splat(0.0f)), q, other);
-	t = rt_sel(is_from, ray.chord, t);
-	*met = (((discriminant >= rt_splat(0.0f)) & two_roots) | is_from) & (t > rt_splat(0.0f));
+	*met = (discriminant >= rt_splat(0.0f)) & two_roots & rt_not(is_from) & (t > rt_splat(0.0f));
 	return t;
 }
 #endif
+
+/* Nothing met yet. */
+RT_FN rt_hit rt_hit_none(void)
+{
+	rt_hit hit;
+	hit.t = rt_splat(RT_MAX_FLOAT);
+	hit.index = rt_splat_i(-1);
+#if RT_HAS(RT_FEATURE_PERMUTED)
+	hit.id = rt_splat_u(0xffffffffu);
+#endif
+	return hit;
+}
 
 /* Keeps the minimum of (t, id) (contract rule 8). */
 RT_FN rt_hit rt_hit_nearer(rt_hit hit, rt_float t, rt_mask met, rt_u32 index, RT_GLOBAL const rt_u32* sphere_ids)
@@ -137,36 +154,50 @@ RT_FN rt_hit rt_hit_nearer(rt_hit hit, rt_float t, rt_mask met, rt_u32 index, RT
 	return hit;
 }
 
-RT_FN rt_hit rt_closest_hit(RT_GLOBAL const rt_scene* RT_RESTRICT scene, RT_GLOBAL const rt_sphere* RT_RESTRICT spheres,
-                            RT_GLOBAL const rt_wide* RT_RESTRICT wide, RT_GLOBAL const rt_u32* RT_RESTRICT sphere_ids,
-                            rt_ray ray)
+/* The same for the far side of the sphere that the ray leaves inward. */
+RT_FN rt_hit rt_hit_nearer_chord(rt_hit hit, rt_ray ray, RT_GLOBAL const rt_u32* sphere_ids)
 {
-	rt_hit hit;
-	rt_u32 i = 0u;
-	hit.t = rt_splat(0x1.fffffep+127f);
-	hit.index = rt_splat_i(-1);
+	rt_mask inward = ray.chord > rt_splat(0.0f);
 #if RT_HAS(RT_FEATURE_PERMUTED)
-	hit.id = rt_splat_u(0xffffffffu);
+	rt_int from = rt_sel(inward, ray.from, rt_splat_i(0));
+	rt_uint id = RT_GATHER_U(sphere_ids, from, );
+	rt_mask nearer = inward & ((ray.chord < hit.t) | ((ray.chord == hit.t) & (id < hit.id)));
+	hit.id = rt_sel(nearer, id, hit.id);
+#else
+	rt_mask nearer = inward & ((ray.chord < hit.t) | ((ray.chord == hit.t) & (ray.from < hit.index)));
 #endif
+	hit.t = rt_sel(nearer, ray.chord, hit.t);
+	hit.index = rt_sel(nearer, ray.from, hit.index);
+	return hit;
+}
 
+/* The nearest of the wide spheres, and of the others too if `all`; the chord included. */
+RT_FN rt_hit rt_closest_listed(rt_scene_view view, rt_ray ray, int all)
+{
+	RT_GLOBAL const rt_sphere* RT_RESTRICT spheres = view.spheres;
+	rt_hit hit = rt_hit_none();
+	rt_u32 i = 0u;
 #if RT_HAS(RT_FEATURE_WIDE)
 	rt_vec3 origin = rt_ray_origin(ray);
 	rt_float origin_square = v3_dot(origin, origin);
-	for (; i < RT_WIDE_COUNT(scene); ++i) {
+	for (; i < RT_WIDE_COUNT(view.scene); ++i) {
 		rt_mask met;
-		rt_float t = rt_wide_distance(v3_splat(spheres[i].cx, spheres[i].cy, spheres[i].cz),
-		                              rt_splat(spheres[i].radius), rt_splat(wide[i].c0_high), rt_splat(wide[i].c0_low),
-		                              ray, origin, origin_square, ray.from == rt_splat_i((rt_i32)i), &met);
-		hit = rt_hit_nearer(hit, t, met, i, sphere_ids);
+		rt_float t =
+		    rt_wide_distance(v3_splat(spheres[i].cx, spheres[i].cy, spheres[i].cz), rt_splat(spheres[i].radius),
+		                     rt_splat(view.wide[i].c0_high), rt_splat(view.wide[i].c0_low), ray, origin, origin_square,
+		                     ray.from == rt_splat_i((rt_i32)i), &met);
+		hit = rt_hit_nearer(hit, t, met, i, view.sphere_ids);
 	}
 #endif
-	for (; i < RT_SPHERE_COUNT(scene); ++i) {
-		rt_mask met;
-		rt_float t = rt_sphere_distance(v3_splat(spheres[i].cx, spheres[i].cy, spheres[i].cz),
-		                                rt_splat(spheres[i].radius), ray, ray.from == rt_splat_i((rt_i32)i), &met);
-		hit = rt_hit_nearer(hit, t, met, i, sphere_ids);
+	if (all) {
+		for (; i < RT_SPHERE_COUNT(view.scene); ++i) {
+			rt_mask met;
+			rt_float t = rt_sphere_distance(v3_splat(spheres[i].cx, spheres[i].cy, spheres[i].cz),
+			                                rt_splat(spheres[i].radius), ray, ray.from == rt_splat_i((rt_i32)i), &met);
+			hit = rt_hit_nearer(hit, t, met, i, view.sphere_ids);
+		}
 	}
-	return hit;
+	return rt_hit_nearer_chord(hit, ray, view.sphere_ids);
 }
 
 /* The point of a sphere that a ray met. */
@@ -209,7 +240,7 @@ RT_FN rt_surface rt_sphere_surface(RT_GLOBAL const rt_scene* RT_RESTRICT scene,
 	use_direct = use_direct | near_camera;
 #endif
 	from_center = v3_sel(use_direct, direct, from_center);
-	s.normal = v3_normalize(from_center, v3_negate(ray.dir));
+	s.normal = v3_renormalize(v3_scale(rt_rcp(s.radius), from_center));
 	s.base = center;
 	s.arm = s.normal;
 	s.reach = s.radius;

@@ -51,4 +51,8 @@ RT_FN rt_vec3 v3_normalize(rt_vec3 v, rt_vec3 fallback)
 	return v3_sel(defined, v3_scale(rt_rcp(rt_root(square)), v), fallback);
 }
 
+/* v / |v| for a v whose length is within 1e-3 of 1: one Newton step from 1 for 1 / |v|. Its error, 3/8 of the square of
+ * |v|^2 - 1, is far below a rounding where the length is off by roundings only; no root, no division. */
+RT_FN rt_vec3 v3_renormalize(rt_vec3 v) { return v3_scale(rt_fma(rt_splat(-0.5f), v3_dot(v, v), rt_splat(1.5f)), v); }
+
 #endif

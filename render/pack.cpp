@@ -222,9 +222,11 @@ Status pack_spheres(const Scene& scene, PackedScene& out)
 		for (std::size_t i = 0; i < scene.spheres.size(); ++i) {
 			const Sphere& sphere = scene.spheres[i];
 			const double radius = std::fabs(sphere.radius);
-			if ((radius >= RT_WIDE_RATIO * smallest) != wide_pass)
-				continue;
 			Vec3d center = subtract(sphere.center, scene.camera.from);
+			const double reach = RT_WIDE_REACH * radius;
+			const bool is_wide = radius >= RT_WIDE_RATIO * smallest && dot(center, center) <= reach * reach;
+			if (is_wide != wide_pass)
+				continue;
 			RT_TRY(check_sphere(i, center, radius));
 			const double size = std::max({std::fabs(center[0]), std::fabs(center[1]), std::fabs(center[2]), radius});
 			for (double& c : center)
@@ -323,7 +325,7 @@ std::uint64_t PackedScene::bytes() const
 {
 	return sizeof(rt_scene) + spheres.size() * sizeof(rt_sphere) + wide.size() * sizeof(rt_wide) +
 	       (sphere_ids.size() + sphere_materials.size() + texels.size()) * sizeof(std::uint32_t) +
-	       materials.size() * sizeof(rt_material) + textures.size() * sizeof(rt_texture);
+	       bvh.size() * sizeof(rt_row4) + materials.size() * sizeof(rt_material) + textures.size() * sizeof(rt_texture);
 }
 
 Result<PackedScene> pack_scene(const Scene& scene, const RenderSettings& settings, const Window& window)
@@ -359,6 +361,7 @@ Result<PackedScene> pack_scene(const Scene& scene, const RenderSettings& setting
 	RT_TRY(pack_spheres(scene, packed));
 	packed.scene.sphere_count = static_cast<std::uint32_t>(packed.spheres.size());
 	packed.scene.wide_count = static_cast<std::uint32_t>(packed.wide.size());
+	packed.scene.bvh_root = RT_BVH_NONE;
 	packed.features = features_of(scene, packed);
 
 	const double brightest = largest_radiance(scene, settings);

@@ -1,6 +1,7 @@
 #include "render/session.h"
 
 #include "common/rt_features.h"
+#include "render/bvh.h"
 #include "support/thread_pool.h"
 
 #include <algorithm>
@@ -8,6 +9,7 @@
 #include <cmath>
 #include <fmt/format.h>
 #include <fstream>
+#include <map>
 #include <mutex>
 #include <optional>
 #include <thread>
@@ -26,6 +28,11 @@ constexpr std::uint64_t page_bytes = std::uint64_t(1) << 28;
 // Small sphere counts are compiled in, so that the loop over them can be unrolled.
 constexpr std::size_t max_unrolled_spheres = 16;
 constexpr double progress_interval_seconds = 0.1;
+// Spheres and boxes that a ray tries in a tree, roughly.
+constexpr std::size_t typical_visits = 64;
+// From so many spheres on a tree is faster than trying them all (measured: docs/performance.md).
+constexpr std::size_t min_bvh_spheres_one_lane = 24;
+constexpr std::size_t min_bvh_spheres_lanes = 48;
 
 std::uint32_t page_rows(const PackedScene& packed, std::uint64_t max_alloc_bytes)
 {
@@ -146,7 +153,9 @@ struct Shared {
 
 class Worker {
 public:
-	Worker(DeviceHandle device, Shared& shared) : device_(std::move(device)), shared_(shared)
+	// packed: as this device wants its spheres stored; otherwise the shared scene.
+	Worker(DeviceHandle device, const PackedScene& packed, Shared& shared)
+	    : device_(std::move(device)), packed_(packed), shared_(shared)
 	{
 		stats_.device = device_->info().name;
 	}
@@ -156,7 +165,7 @@ public:
 
 	Status prepare()
 	{
-		const PackedScene& packed = shared_.packed;
+		const PackedScene& packed = packed_;
 		const SessionOptions& options = shared_.options;
 		const ProgramSpec spec = render_program(packed, device_->info(), options);
 		if (options.status)
@@ -172,12 +181,15 @@ public:
 		RT_TRY(upload_list(wide_, packed.wide));
 		RT_TRY(upload_list(ids_, packed.sphere_ids));
 		RT_TRY(upload_list(sphere_materials_, packed.sphere_materials));
+		RT_TRY(upload_list(bvh_, packed.bvh));
 		RT_TRY(upload_list(materials_, packed.materials));
 		RT_TRY(upload_list(textures_, packed.textures));
 		RT_TRY(upload_list(texels_, packed.texels));
 		stats_.upload_seconds = seconds_since(start);
+		stats_.bvh = !packed.bvh.empty();
 		// A guess to begin with, corrected by every launch: brute force costs in proportion to the spheres.
-		budget_ = std::min(65536.0, 0x1p27 / (8.0 + double(packed.spheres.size())));
+		const std::size_t tried = packed.bvh.empty() ? packed.spheres.size() : packed.wide.size() + typical_visits;
+		budget_ = std::min(65536.0, 0x1p27 / (8.0 + double(tried)));
 		return success();
 	}
 
@@ -185,7 +197,7 @@ public:
 	{
 		page_row_ = first_row;
 		page_pixels_ = std::size_t(rows) * shared_.packed.scene.window_width;
-		rt_scene scene = shared_.packed.scene;
+		rt_scene scene = packed_.scene;
 		scene.window_y += first_row;
 		scene.window_height = rows;
 		RT_TRY(device_->write(scene_, 0, &scene, sizeof scene));
@@ -274,8 +286,8 @@ private:
 			film_is_clear_ = true;
 		}
 		RT_TRY(device_->launch(program_, "rt_render", tiles * 32 / stats_.lanes,
-		                       {scene_, spheres_, wide_, ids_, sphere_materials_, materials_, textures_, texels_, film_,
-		                        work.first_row, work.rows, work.first_sample, work.samples},
+		                       {scene_, spheres_, wide_, ids_, sphere_materials_, bvh_, materials_, textures_, texels_,
+		                        film_, work.first_row, work.rows, work.first_sample, work.samples},
 		                       shared_.options.group_size));
 		RT_TRY(device_->wait());
 		const double seconds = seconds_since(start);
@@ -340,10 +352,11 @@ private:
 	}
 
 	DeviceHandle device_;
+	const PackedScene& packed_;
 	Shared& shared_;
 	DeviceStats stats_;
 	ProgramHandle program_;
-	BufferHandle scene_, spheres_, wide_, ids_, sphere_materials_, materials_, textures_, texels_, film_;
+	BufferHandle scene_, spheres_, wide_, ids_, sphere_materials_, bvh_, materials_, textures_, texels_, film_;
 	std::uint32_t page_row_ = 0;
 	std::size_t page_pixels_ = 0;
 	bool film_is_clear_ = false; // empty, or holding only the sums of done_
@@ -396,9 +409,20 @@ ProgramSpec render_program(const PackedScene& packed, const DeviceInfo& device, 
 	return spec;
 }
 
+bool wants_bvh(const PackedScene& packed, std::uint32_t lanes, Acceleration bvh)
+{
+	if (bvh != Acceleration::Auto || !packed.bvh.empty())
+		return bvh == Acceleration::Always && packed.bvh.empty() && packed.spheres.size() > packed.wide.size();
+	const std::size_t listed = packed.spheres.size() - packed.wide.size();
+	return listed >= (lanes == 1 ? min_bvh_spheres_one_lane : min_bvh_spheres_lanes);
+}
+
 std::uint64_t device_bytes_needed(const PackedScene& packed)
 {
-	return packed.bytes() + std::uint64_t(page_rows(packed, 0)) * packed.scene.window_width * sizeof(rt_film_pixel);
+	std::uint64_t bytes = packed.bytes();
+	if (wants_bvh(packed, 1, Acceleration::Auto))
+		bytes += bvh_bytes_needed(packed.spheres.size() - packed.wide.size(), 1);
+	return bytes + std::uint64_t(page_rows(packed, 0)) * packed.scene.window_width * sizeof(rt_film_pixel);
 }
 
 std::uint64_t host_bytes_needed(const PackedScene& packed)
@@ -418,11 +442,22 @@ Result<SessionResult> render_scene(const PackedScene& packed, const std::vector<
 	                   {scene.window_x, scene.window_y, scene.window_width, scene.window_height}, packed.film_exponent);
 	shared.samples_total = shared.film.pixels() * options.samples;
 
+	// One tree for each width of lanes among the devices.
+	SessionResult result;
+	std::map<std::uint32_t, PackedScene> trees;
 	std::vector<Worker> workers;
 	workers.reserve(devices.size());
 	std::uint64_t max_alloc = 0;
 	for (const DeviceHandle& device : devices) {
-		workers.emplace_back(device, shared);
+		const std::uint32_t lanes = options.lanes ? options.lanes : device->info().native_lanes;
+		if (wants_bvh(packed, lanes, options.bvh) && !trees.count(lanes)) {
+			if (options.status)
+				options.status(fmt::format("building a tree of {} spheres", packed.spheres.size()));
+			const Clock::time_point start = Clock::now();
+			RT_TRY_ASSIGN(trees[lanes], with_bvh(packed, lanes));
+			result.bvh_seconds += seconds_since(start);
+		}
+		workers.emplace_back(device, trees.count(lanes) ? trees[lanes] : packed, shared);
 		RT_TRY(workers.back().prepare());
 		const std::uint64_t bytes = device->info().max_alloc_bytes;
 		max_alloc = max_alloc && bytes ? std::min(max_alloc, bytes) : std::max(max_alloc, bytes);
@@ -458,7 +493,6 @@ Result<SessionResult> render_scene(const PackedScene& packed, const std::vector<
 		return *shared.error;
 	shared.report_progress(true);
 
-	SessionResult result;
 	result.render_seconds = seconds_since(shared.start);
 	result.interrupted = shared.samples_done < shared.samples_total;
 	for (const Worker& worker : workers)

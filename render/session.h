@@ -24,15 +24,19 @@ struct Progress {
 	double seconds = 0; // since rendering began
 };
 
+// Whether spheres are found through a tree (render/bvh.h); it cannot change a bit.
+enum class Acceleration { Auto, Never, Always };
+
 struct SessionOptions {
 	std::uint32_t first_sample = 0; // samples [first_sample, first_sample + samples) are taken
 	std::uint32_t samples = 1;
-	bool specialise = true;            // compile for the scene's features and sphere count; false: the generic program
-	bool software_roots = false;       // our own square root and reciprocal even where the device's are proven
-	bool allow_contraction = false;    // the compiler may fuse products and sums; it finds none (tests of rule 3)
-	std::uint32_t lanes = 0;           // 0: the device's native width
-	std::uint32_t group_size = 0;      // 0: the backend's choice
-	std::uint32_t rows_per_launch = 0; // 0: chosen by time
+	bool specialise = true;         // compile for the scene's features and sphere count; false: the generic program
+	bool software_roots = false;    // our own square root and reciprocal even where the device's are proven
+	bool allow_contraction = false; // the compiler may fuse products and sums; it finds none (tests of rule 3)
+	Acceleration bvh = Acceleration::Auto; // Auto: where the device gains by it
+	std::uint32_t lanes = 0;               // 0: the device's native width
+	std::uint32_t group_size = 0;          // 0: the backend's choice
+	std::uint32_t rows_per_launch = 0;     // 0: chosen by time
 	std::uint32_t samples_per_launch = 0;
 	const std::atomic<bool>* stop = nullptr; // when true, the launch in flight is finished and the film so far returned
 	std::function<void(const Progress&)> progress;  // one call at a time, about ten a second
@@ -48,12 +52,14 @@ struct DeviceStats {
 	std::uint64_t samples = 0;
 	std::uint32_t lanes = 1;
 	bool native_roots = true;
+	bool bvh = false;
 	double upload_seconds = 0, launch_seconds = 0, read_seconds = 0;
 };
 
 struct SessionResult {
 	Film film;
 	bool interrupted = false;
+	double bvh_seconds = 0; // building trees
 	double render_seconds = 0;
 	std::vector<DeviceStats> devices;
 };
@@ -64,6 +70,9 @@ ProgramSpec render_program(const PackedScene& packed, const DeviceInfo& device, 
 // Bytes that a render takes on a device, and on the host beside the scene itself.
 std::uint64_t device_bytes_needed(const PackedScene& packed);
 std::uint64_t host_bytes_needed(const PackedScene& packed);
+
+// Does a device with so many lanes find the spheres of this scene through a tree?
+bool wants_bvh(const PackedScene& packed, std::uint32_t lanes, Acceleration bvh);
 
 // Errors: Build, Memory (estimated before it is taken, with the figures), Failure from a driver.
 Result<SessionResult> render_scene(const PackedScene& packed, const std::vector<DeviceHandle>& devices,

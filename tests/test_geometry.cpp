@@ -256,8 +256,12 @@ TEST_CASE("rule 10: leaving outward a ray never meets its sphere, inward only th
 			rt_scene scene{};
 			scene.sphere_count = 1;
 			const std::uint32_t id = 0;
-			const rt_wide none{};
-			const rt_hit hit = rt_closest_hit(&scene, &sphere, &none, &id, ray);
+			scene.bvh_root = RT_BVH_NONE;
+			rt_scene_view view{};
+			view.scene = &scene;
+			view.spheres = &sphere;
+			view.sphere_ids = &id;
+			const rt_hit hit = rt_closest_hit(view, ray, RT_TRUE);
 			if ((hit.index == 0) != inward)
 				FAIL("radius " << radius << ": " << (inward ? "the far side is missed" : "the sphere is met again"));
 			if (!inward)

@@ -550,6 +550,7 @@ struct Probe {
 		        packed.wide.data(),
 		        packed.sphere_ids.data(),
 		        packed.sphere_materials.data(),
+		        packed.bvh.data(),
 		        packed.materials.data(),
 		        packed.textures.data(),
 		        packed.texels.data()};
@@ -581,8 +582,7 @@ Material material_of(Material::Kind kind, double fuzz = 0)
 void scatter_many(const Probe& probe, const rt_path& start, std::uint32_t count,
                   const std::function<void(const rt_path&, bool)>& seen)
 {
-	const rt_hit hit =
-	    rt_closest_hit(probe.view.scene, probe.view.spheres, probe.view.wide, probe.view.sphere_ids, start.ray);
+	const rt_hit hit = rt_closest_hit(probe.view, start.ray, RT_TRUE);
 	REQUIRE(hit.index == 0);
 	for (std::uint32_t i = 0; i < count; ++i) {
 		rt_path path = start;
@@ -646,8 +646,7 @@ TEST_CASE("a path's bounces are independent of each other and of its place in th
 	Material white = material_of(Material::Kind::Lambertian);
 	const Probe probe(white, 1);
 	const rt_path start = probe.path_at(0.8);
-	const rt_hit hit =
-	    rt_closest_hit(probe.view.scene, probe.view.spheres, probe.view.wide, probe.view.sphere_ids, start.ray);
+	const rt_hit hit = rt_closest_hit(probe.view, start.ray, RT_TRUE);
 	REQUIRE(hit.index == 0);
 	const rt_surface surface = rt_sphere_surface(probe.view.scene, probe.view.spheres, start.ray, hit.t, hit.index);
 	const About frame(in_double(surface.normal));
@@ -687,17 +686,22 @@ TEST_CASE("normals are unit vectors whatever the sphere's size and distance")
 	double worst = 0;
 	std::uint32_t hits = 0, far_sides = 0, wide_hits = 0;
 	for (int k = 0; k < 3000; ++k) {
-		// Two spheres, the second at times wide; sizes over six decades, distances up to 2^20 radii.
+		// Two spheres, each at times wide; sizes over six decades, distances up to 2^20 radii.
 		Scene scene;
 		scene.materials = {material_of(Material::Kind::Lambertian)};
 		for (int i = 0; i < 2; ++i) {
 			const double radius = std::pow(10.0, 6 * uniform() - 3);
-			const double distance = radius * std::exp2(22 * uniform() - 2);
+			const double distance = radius * std::exp2(k % 2 ? 3 * uniform() - 2 : 22 * uniform() - 2);
 			const Vec3d d = direction();
 			scene.spheres.push_back({{distance * d[0], distance * d[1], distance * d[2]}, radius, 0});
 		}
 		const auto packed = pack_scene(scene, scene.render, {0, 0, 640, 480});
 		REQUIRE(packed);
+		rt_scene_view view{};
+		view.scene = &packed->scene;
+		view.spheres = packed->spheres.data();
+		view.wide = packed->wide.data();
+		view.sphere_ids = packed->sphere_ids.data();
 		for (std::uint32_t i = 0; i < 2; ++i) {
 			const rt_sphere& sphere = packed->spheres[i];
 			for (int ray_number = 0; ray_number < 20; ++ray_number) {
@@ -708,12 +712,12 @@ TEST_CASE("normals are unit vectors whatever the sphere's size and distance")
 				                  static_cast<double>(sphere.cz) + point[2] * static_cast<double>(sphere.radius)};
 				rt_ray ray;
 				ray.base = ray.arm = v3(0, 0, 0);
+				ray.reach = 1;
 				ray.dir = v3_normalize(in_float(at), v3(0, 0, 1));
 				ray.from = -1;
 				ray.chord = -1;
 				for (int leg = 0; leg < 2; ++leg) {
-					const rt_hit hit = rt_closest_hit(&packed->scene, packed->spheres.data(), packed->wide.data(),
-					                                  packed->sphere_ids.data(), ray);
+					const rt_hit hit = rt_closest_hit(view, ray, RT_TRUE);
 					if (hit.index < 0)
 						break;
 					const rt_surface s =
@@ -727,6 +731,7 @@ TEST_CASE("normals are unit vectors whatever the sphere's size and distance")
 					    v3_normalize(v3_sub(in_float(direction()), v3_scale(1.5f, s.normal)), ray.dir);
 					ray.base = s.base;
 					ray.arm = s.arm;
+					ray.reach = s.reach;
 					ray.dir = inward;
 					ray.from = hit.index;
 					ray.chord = s.radius * v3_dot(s.normal, inward) * -2.0f;

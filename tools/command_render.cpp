@@ -214,6 +214,7 @@ private:
 		passes.checkpoint_seconds = options_.checkpoint_seconds;
 		passes.session.specialise = options_.specialise;
 		passes.session.software_roots = software_roots_;
+		passes.session.bvh = options_.bvh;
 		passes.session.lanes = options_.lanes;
 		passes.session.stop = &stop_requested();
 		passes.session.status = [this](const std::string& text) { display_.status(text); };

@@ -40,7 +40,8 @@ FLOAT_TYPES = {"float", "rt_float"}
 COMPAT_CALLS = {
     "fma", "sqrt", "any", "select", "as_uint", "as_float", "convert_float", "convert_int", "convert_uint", "vstore",
     "get_global_id", "__fmaf_rn", "__fsqrt_rn", "__frcp_rn", "__any_sync", "__float_as_uint", "__uint_as_float",
-    "__builtin_fmaf", "__builtin_sqrtf", "memcpy", "asm", "__asm", "static_cast",
+    "__builtin_fmaf", "__builtin_sqrtf", "memcpy", "asm", "__asm", "static_cast", "vload", "popcount", "__attribute__",
+    "aligned", "__align__", "alignas",
 }
 KEYWORD_CALLS = {"if", "for", "while", "switch", "return", "sizeof", "defined", "else", "do", "case"}
 BANNED_WORDS = {
@@ -698,7 +699,9 @@ def check_compiled(clang, root):
     features = re.findall(r"#define (RT_FEATURE_\w+) 0x[0-9a-fA-F]+u\b",
                           (root / "common/rt_features.h").read_text()) if (root / "common/rt_features.h").exists() else []
     variants = [["-DRT_DEF_NATIVE_ROOTS=0"], ["-DRT_DEF_NATIVE_ROOTS=1"]]
-    variants += [[f"-DRT_FEATURES=(RT_FEATURE_ALL&~{f})"] for f in features if f != "RT_FEATURE_ALL"]
+    # A tree needs its own storage order: without RT_FEATURE_PERMUTED there is none.
+    without = {f: "RT_FEATURE_PERMUTED&~RT_FEATURE_BVH" if f == "RT_FEATURE_PERMUTED" else f for f in features}
+    variants += [[f"-DRT_FEATURES=(RT_FEATURE_ALL&~{without[f]})"] for f in features if f != "RT_FEATURE_ALL"]
     findings = {}
     for defines in variants:
         text, count = compile_host(clang, root, unit, defines)

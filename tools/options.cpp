@@ -234,7 +234,7 @@ Result<std::optional<TextRequest>> parse(CLI::App& app, std::vector<std::string>
 // What was typed, before it is checked.
 struct RawRender {
 	std::string width, height, size, samples, seed, max_depth, frames, pixel, crop, transfer, exposure, precision,
-	    progress, lanes, checkpoint_seconds;
+	    progress, lanes, bvh, checkpoint_seconds;
 	bool generic = false;
 };
 
@@ -290,6 +290,7 @@ void add_device_options(CLI::App& app, RenderOptions& options, RawRender& raw)
 	             "use a device that fails its self-test; the image\nsays so")
 	    ->group("Device");
 	app.add_flag("--generic", raw.generic, "a kernel for all scenes, not for this one")->group("Device");
+	add("--bvh", raw.bvh, "auto|always|never", "find spheres through a tree (where it is faster)");
 	add("--lanes", raw.lanes, "N", "paths a work-item: 1, 4, 8 or 16 (the device's own)");
 }
 
@@ -364,6 +365,10 @@ Status check_rest(const RawRender& raw, RenderOptions& options)
 	                                                          {"plain", ProgressMode::Plain},
 	                                                          {"json", ProgressMode::Json},
 	                                                          {"none", ProgressMode::None}}));
+	RT_TRY_ASSIGN(options.bvh, parse_word<Acceleration>("--bvh", raw.bvh,
+	                                                    {{"auto", Acceleration::Auto},
+	                                                     {"always", Acceleration::Always},
+	                                                     {"never", Acceleration::Never}}));
 	RT_TRY_ASSIGN(options.lanes, parse_word<std::uint32_t>("--lanes", raw.lanes,
 	                                                       {{"auto", 0}, {"1", 1}, {"4", 4}, {"8", 8}, {"16", 16}}));
 	if (!raw.checkpoint_seconds.empty()) {
@@ -405,6 +410,7 @@ Result<CommandLine> parse_render(std::vector<std::string> arguments, bool named)
 	raw.precision = "exact";
 	raw.progress = "auto";
 	raw.lanes = "auto";
+	raw.bvh = "auto";
 	CLI::App app("Path tracer for spheres: same scene, same seed, same image, bit for bit, on every device.");
 	set_manners(app, named ? "rt render" : "rt");
 	add_image_options(app, options, raw);

@@ -33,6 +33,7 @@ struct RenderOptions {
 	std::uint32_t checkpoint_seconds = 60;
 
 	DeviceRequest device;
+	Acceleration bvh = Acceleration::Auto;
 	bool specialise = true;
 	std::uint32_t lanes = 0;
 	bool self_test_afresh = false;

@@ -35,17 +35,19 @@ endfunction()
 
 if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
   set(RT_FAST 1)
-  rt_reference_variant(generic_baseline 0xfffu 1 0)
+  rt_reference_variant(generic_baseline 0x1fffu 1 0)
 else()
   set(RT_FAST 0)
 endif()
-rt_reference_variant(generic 0xfffu 1 ${RT_FAST})
-rt_reference_variant(generic_software_roots 0xfffu 0 ${RT_FAST})
-rt_reference_variant(generic_contracted 0xfffu 1 ${RT_FAST} CONTRACTED)
+rt_reference_variant(generic 0x1fffu 1 ${RT_FAST})
+rt_reference_variant(generic_software_roots 0x1fffu 0 ${RT_FAST})
+rt_reference_variant(generic_contracted 0x1fffu 1 ${RT_FAST} CONTRACTED)
 rt_reference_variant(matte 0x301u 1 ${RT_FAST})    # lambertian, sky, gradient
 rt_reference_variant(classic 0x70fu 1 ${RT_FAST})  # + metal, fuzz, dielectric, wide
 rt_reference_variant(lens 0x78fu 1 ${RT_FAST})     # + defocus
 rt_reference_variant(textured 0x76fu 1 ${RT_FAST}) # classic + checker, image
+rt_reference_variant(cloud 0x1b01u 1 ${RT_FAST})   # matte + permuted, bvh
+rt_reference_variant(crowd 0x1f8fu 1 ${RT_FAST})   # lens + permuted, bvh
 rt_reference_variant(lamps 0x41fu 1 ${RT_FAST})    # lambertian, metal, fuzz, dielectric, emission, wide
 
 file(CONFIGURE OUTPUT "${CMAKE_CURRENT_BINARY_DIR}/reference_variants.cpp" CONTENT

@@ -1,0 +1,325 @@
+/* bvh.h: the nearest sphere through a tree of boxes.
+ *
+ * The tree leaves out work, never a hit: its boxes are padded, in the ray's own measure, by more than all roundings of
+ * the sphere test together, so every sphere that testing all of them would report is reached, and the hit is the same
+ * minimum of (t, id) (contract rule 8). Which tree a device walks is its own affair.
+ *
+ * One lane (a GPU's thread) walks nodes of four children in turn. Several lanes take one ray at a time: its box tests
+ * and sphere tests against RT_LANES children or spheres are one vector operation each, which incoherent rays cannot
+ * have from packets.
+ *
+ * Coordinates of boxes are relative to the tree's centre. A ray's parameters for the slab test (Kay and Kajiya 1986)
+ * are t = plane / d - o / d, with the padding in the second term.
+ */
+#ifndef RT_BVH_H
+#define RT_BVH_H
+
+#include "kernels/scene_view.h"
+#include "kernels/sphere.h"
+
+#if RT_HAS(RT_FEATURE_BVH)
+
+/* What boxes are padded by, in units of (the tree's extent + the ray's distance from its centre + its reach). With
+ * u = 2^-24 and m the vector from origin to centre, rounding moves a ray against a sphere by less than 4 u (|m| +
+ * reach) across and 8 u |m| along, and the slab test errs by 3 u of a coordinate; 64 u is more than three times their
+ * sum. */
+#define RT_BVH_PADDING 0x1p-18f
+
+/* Directions are kept away from 0, so that no slab's t is NaN: on the way through the scene that is less than
+ * the padding. */
+#define RT_MIN_SLOPE 0x1p-60f
+
+/* A ray as the slab test reads it: t of a plane at x is x * inverse + shift. */
+typedef struct rt_slabs {
+	rt_vec3 inverse;
+	rt_vec3 near_shift, far_shift;
+} rt_slabs;
+
+RT_FN rt_float rt_slope_inverse(rt_float d)
+{
+	rt_float size = rt_max(rt_abs(d), rt_splat(RT_MIN_SLOPE));
+	return rt_rcp(rt_from_bits(rt_bits(size) | (rt_bits(d) & 0x80000000u)));
+}
+
+RT_FN rt_slabs rt_ray_slabs(RT_GLOBAL const rt_scene* RT_RESTRICT scene, rt_ray ray)
+{
+	rt_slabs slabs;
+	rt_vec3 centre = v3_splat(scene->bvh_x, scene->bvh_y, scene->bvh_z);
+	rt_vec3 origin = v3_fma(ray.reach, ray.arm, v3_sub(ray.base, centre));
+	rt_float reach = rt_max(rt_max(rt_abs(origin.x), rt_abs(origin.y)), rt_max(rt_abs(origin.z), rt_abs(ray.reach)));
+	rt_float padding = (reach + rt_splat(scene->bvh_extent)) * rt_splat(RT_BVH_PADDING);
+	slabs.inverse = v3(rt_slope_inverse(ray.dir.x), rt_slope_inverse(ray.dir.y), rt_slope_inverse(ray.dir.z));
+	rt_vec3 shift = v3(-origin.x * slabs.inverse.x, -origin.y * slabs.inverse.y, -origin.z * slabs.inverse.z);
+	rt_vec3 widen = v3(rt_abs(slabs.inverse.x), rt_abs(slabs.inverse.y), rt_abs(slabs.inverse.z));
+	slabs.near_shift = v3_fma(-padding, widen, shift);
+	slabs.far_shift = v3_fma(padding, widen, shift);
+	return slabs;
+}
+
+#if RT_LANES == 1
+
+/* One box against one ray: where it enters, or RT_MAX_FLOAT if it misses or enters behind `limit`. */
+RT_FN float rt_box_entry(rt_slabs slabs, float near_x, float far_x, float near_y, float far_y, float near_z,
+                         float far_z, float limit)
+{
+	float entry = rt_max(rt_max(rt_fma(near_x, slabs.inverse.x, slabs.near_shift.x),
+	                            rt_fma(near_y, slabs.inverse.y, slabs.near_shift.y)),
+	                     rt_max(rt_fma(near_z, slabs.inverse.z, slabs.near_shift.z), 0.0f));
+	float leave = rt_min(
+	    rt_min(rt_fma(far_x, slabs.inverse.x, slabs.far_shift.x), rt_fma(far_y, slabs.inverse.y, slabs.far_shift.y)),
+	    rt_min(rt_fma(far_z, slabs.inverse.z, slabs.far_shift.z), limit));
+	return entry <= leave ? entry : RT_MAX_FLOAT;
+}
+
+/* Puts the nearer of two children first. */
+#define RT_SORT_CHILDREN(i, j)    \
+	if (entry[j] < entry[i]) {    \
+		float entry_ = entry[i];  \
+		rt_u32 child_ = child[i]; \
+		entry[i] = entry[j];      \
+		child[i] = child[j];      \
+		entry[j] = entry_;        \
+		child[j] = child_;        \
+	}
+
+RT_FN rt_hit rt_bvh_hit(rt_scene_view view, rt_ray ray, rt_hit hit, rt_mask live)
+{
+	rt_slabs slabs = rt_ray_slabs(view.scene, ray);
+	/* Rows of a node: near and far planes by axis; which is which depends on the sign of the direction. */
+	rt_u32 flip_x = rt_bits(ray.dir.x) >> 31;
+	rt_u32 flip_y = rt_bits(ray.dir.y) >> 31;
+	rt_u32 flip_z = rt_bits(ray.dir.z) >> 31;
+	rt_u32 stack[RT_BVH_STACK(RT_LANES)];
+	float entries[RT_BVH_STACK(RT_LANES)];
+	rt_u32 top = 0u;
+	rt_u32 link = view.scene->bvh_root;
+	(void)live;
+
+	for (;;) {
+		/* Go down to a leaf, nearest child first. */
+		while ((link & RT_BVH_LEAF) == 0u) {
+			RT_GLOBAL const rt_row4* node = &view.bvh[link * RT_BVH_NODE_ROWS(4u)];
+			rt_row4 near_x = node[flip_x], far_x = node[1u - flip_x];
+			rt_row4 near_y = node[2u + flip_y], far_y = node[3u - flip_y];
+			rt_row4 near_z = node[4u + flip_z], far_z = node[5u - flip_z];
+			rt_row4 links = node[6];
+			float entry[4];
+			rt_u32 child[4];
+			entry[0] = rt_box_entry(slabs, near_x.a, far_x.a, near_y.a, far_y.a, near_z.a, far_z.a, hit.t);
+			entry[1] = rt_box_entry(slabs, near_x.b, far_x.b, near_y.b, far_y.b, near_z.b, far_z.b, hit.t);
+			entry[2] = rt_box_entry(slabs, near_x.c, far_x.c, near_y.c, far_y.c, near_z.c, far_z.c, hit.t);
+			entry[3] = rt_box_entry(slabs, near_x.d, far_x.d, near_y.d, far_y.d, near_z.d, far_z.d, hit.t);
+			child[0] = rt_bits(links.a);
+			child[1] = rt_bits(links.b);
+			child[2] = rt_bits(links.c);
+			child[3] = rt_bits(links.d);
+			RT_SORT_CHILDREN(0, 1)
+			RT_SORT_CHILDREN(2, 3)
+			RT_SORT_CHILDREN(0, 2)
+			RT_SORT_CHILDREN(1, 3)
+			RT_SORT_CHILDREN(1, 2)
+			link = RT_BVH_NONE;
+			if (entry[0] < RT_MAX_FLOAT) {
+				link = child[0];
+				if (entry[3] < RT_MAX_FLOAT) {
+					stack[top] = child[3];
+					entries[top++] = entry[3];
+				}
+				if (entry[2] < RT_MAX_FLOAT) {
+					stack[top] = child[2];
+					entries[top++] = entry[2];
+				}
+				if (entry[1] < RT_MAX_FLOAT) {
+					stack[top] = child[1];
+					entries[top++] = entry[1];
+				}
+			}
+		}
+		if (link != RT_BVH_NONE) {
+			rt_u32 i = link & RT_BVH_FIRST_MASK;
+			rt_u32 end = i + ((link >> RT_BVH_COUNT_SHIFT) & RT_BVH_COUNT_MASK) + 1u;
+			for (; i < end; ++i) {
+				rt_mask met;
+				float t = rt_sphere_distance(v3(view.spheres[i].cx, view.spheres[i].cy, view.spheres[i].cz),
+				                             view.spheres[i].radius, ray, ray.from == (rt_i32)i, &met);
+				if (met && t <= hit.t)
+					hit = rt_hit_nearer(hit, t, met, i, view.sphere_ids);
+			}
+		}
+		/* What lies behind the hit needs no visit; an equal t may still have the smaller id. */
+		do {
+			if (top == 0u)
+				return hit;
+			link = stack[--top];
+		} while (entries[top] > hit.t);
+	}
+}
+
+#else
+
+/* A ray's members for all lanes, to be taken lane by lane. */
+typedef struct rt_ray_store {
+	float base_x[RT_LANES], base_y[RT_LANES], base_z[RT_LANES];
+	float arm_x[RT_LANES], arm_y[RT_LANES], arm_z[RT_LANES];
+	float dir_x[RT_LANES], dir_y[RT_LANES], dir_z[RT_LANES];
+	float reach[RT_LANES];
+	float inverse_x[RT_LANES], inverse_y[RT_LANES], inverse_z[RT_LANES];
+	float near_x[RT_LANES], near_y[RT_LANES], near_z[RT_LANES];
+	float far_x[RT_LANES], far_y[RT_LANES], far_z[RT_LANES];
+	float t[RT_LANES];
+	rt_u32 from[RT_LANES], index[RT_LANES], id[RT_LANES], live[RT_LANES];
+} rt_ray_store;
+
+/* Walks the tree with the ray of one lane. */
+RT_FN void rt_bvh_hit_lane(rt_scene_view view, RT_PRIVATE rt_ray_store* store, rt_u32 lane)
+{
+	rt_u32 stack[RT_BVH_STACK(RT_LANES)];
+	float entries[RT_BVH_STACK(RT_LANES)];
+	rt_u32 top = 0u;
+	rt_u32 link = view.scene->bvh_root;
+	float nearest = store->t[lane];
+	rt_u32 nearest_id = store->id[lane];
+	rt_u32 nearest_index = store->index[lane];
+	rt_ray ray;
+	rt_slabs slabs;
+	ray.base = v3_splat(store->base_x[lane], store->base_y[lane], store->base_z[lane]);
+	ray.arm = v3_splat(store->arm_x[lane], store->arm_y[lane], store->arm_z[lane]);
+	ray.dir = v3_splat(store->dir_x[lane], store->dir_y[lane], store->dir_z[lane]);
+	ray.reach = rt_splat(store->reach[lane]);
+	ray.from = rt_splat_i((rt_i32)store->from[lane]);
+	ray.chord = rt_splat(-1.0f);
+	slabs.inverse = v3_splat(store->inverse_x[lane], store->inverse_y[lane], store->inverse_z[lane]);
+	slabs.near_shift = v3_splat(store->near_x[lane], store->near_y[lane], store->near_z[lane]);
+	slabs.far_shift = v3_splat(store->far_x[lane], store->far_y[lane], store->far_z[lane]);
+	rt_u32 flip_x = store->inverse_x[lane] < 0.0f ? 1u : 0u;
+	rt_u32 flip_y = store->inverse_y[lane] < 0.0f ? 1u : 0u;
+	rt_u32 flip_z = store->inverse_z[lane] < 0.0f ? 1u : 0u;
+
+	for (;;) {
+		if ((link & RT_BVH_LEAF) == 0u) {
+			RT_GLOBAL const rt_row4* node = &view.bvh[link * RT_BVH_NODE_ROWS(RT_LANES)];
+			rt_float limit = rt_splat(nearest);
+			rt_float entry = rt_max(
+			    rt_max(rt_fma(rt_load_rows(node, flip_x), slabs.inverse.x, slabs.near_shift.x),
+			           rt_fma(rt_load_rows(node, 2u + flip_y), slabs.inverse.y, slabs.near_shift.y)),
+			    rt_max(rt_fma(rt_load_rows(node, 4u + flip_z), slabs.inverse.z, slabs.near_shift.z), rt_splat(0.0f)));
+			rt_float leave =
+			    rt_min(rt_min(rt_fma(rt_load_rows(node, 1u - flip_x), slabs.inverse.x, slabs.far_shift.x),
+			                  rt_fma(rt_load_rows(node, 3u - flip_y), slabs.inverse.y, slabs.far_shift.y)),
+			           rt_min(rt_fma(rt_load_rows(node, 5u - flip_z), slabs.inverse.z, slabs.far_shift.z), limit));
+			rt_mask reached = entry <= leave;
+			if (rt_any(reached)) {
+				/* Push the children that it reaches, the nearest last. */
+				float lane_entry[RT_LANES];
+				rt_u32 lane_link[RT_LANES];
+				rt_u32 first = top;
+				rt_u32 left = rt_mask_bits(reached);
+				rt_store_f(entry, lane_entry);
+				rt_store_u(rt_bits(rt_load_rows(node, 6u)), lane_link);
+				while (left != 0u) {
+					rt_u32 k = rt_lowest_bit(left);
+					rt_u32 place = top++;
+					left &= left - 1u;
+					while (place > first && entries[place - 1u] < lane_entry[k]) {
+						entries[place] = entries[place - 1u];
+						stack[place] = stack[place - 1u];
+						--place;
+					}
+					entries[place] = lane_entry[k];
+					stack[place] = lane_link[k];
+				}
+			}
+		} else {
+			/* A block: the index of its first sphere and the number of them, then centres and radii side by side. */
+			RT_GLOBAL const rt_row4* block =
+			    &(view.bvh + view.scene->bvh_blocks)[(link & RT_BVH_FIRST_MASK) * RT_BVH_BLOCK_ROWS(RT_LANES)];
+			rt_u32 first = rt_bits_one(block->a);
+			rt_vec3 centers =
+			    v3(rt_load_rows(block + 1u, 0u), rt_load_rows(block + 1u, 1u), rt_load_rows(block + 1u, 2u));
+			rt_mask met;
+			rt_float t = rt_sphere_distance(centers, rt_load_rows(block + 1u, 3u), ray,
+			                                ray.from == rt_to_int(first + rt_lane_ids()), &met);
+			met = met & (t <= rt_splat(nearest));
+			if (rt_any(met)) {
+				float lane_t[RT_LANES];
+				rt_u32 left = rt_mask_bits(met);
+				rt_store_f(t, lane_t);
+				while (left != 0u) {
+					rt_u32 k = rt_lowest_bit(left);
+					left &= left - 1u;
+					if (lane_t[k] < nearest || (lane_t[k] == nearest && view.sphere_ids[first + k] < nearest_id)) {
+						nearest = lane_t[k];
+						nearest_index = first + k;
+						nearest_id = view.sphere_ids[nearest_index];
+					}
+				}
+			}
+		}
+		/* What lies behind the hit needs no visit; an equal t may still have the smaller id. */
+		do {
+			if (top == 0u) {
+				store->t[lane] = nearest;
+				store->index[lane] = nearest_index;
+				store->id[lane] = nearest_id;
+				return;
+			}
+			link = stack[--top];
+		} while (entries[top] > nearest);
+	}
+}
+
+RT_FN rt_hit rt_bvh_hit(rt_scene_view view, rt_ray ray, rt_hit hit, rt_mask live)
+{
+	rt_slabs slabs = rt_ray_slabs(view.scene, ray);
+	rt_ray_store store;
+	rt_store_f(ray.base.x, store.base_x);
+	rt_store_f(ray.base.y, store.base_y);
+	rt_store_f(ray.base.z, store.base_z);
+	rt_store_f(ray.arm.x, store.arm_x);
+	rt_store_f(ray.arm.y, store.arm_y);
+	rt_store_f(ray.arm.z, store.arm_z);
+	rt_store_f(ray.dir.x, store.dir_x);
+	rt_store_f(ray.dir.y, store.dir_y);
+	rt_store_f(ray.dir.z, store.dir_z);
+	rt_store_f(ray.reach, store.reach);
+	rt_store_f(slabs.inverse.x, store.inverse_x);
+	rt_store_f(slabs.inverse.y, store.inverse_y);
+	rt_store_f(slabs.inverse.z, store.inverse_z);
+	rt_store_f(slabs.near_shift.x, store.near_x);
+	rt_store_f(slabs.near_shift.y, store.near_y);
+	rt_store_f(slabs.near_shift.z, store.near_z);
+	rt_store_f(slabs.far_shift.x, store.far_x);
+	rt_store_f(slabs.far_shift.y, store.far_y);
+	rt_store_f(slabs.far_shift.z, store.far_z);
+	rt_store_f(hit.t, store.t);
+	rt_store_u(rt_to_uint(ray.from), store.from);
+	rt_store_u(rt_to_uint(hit.index), store.index);
+	rt_store_u(hit.id, store.id);
+	rt_store_u(rt_sel(live, rt_splat_u(1u), rt_splat_u(0u)), store.live);
+	for (rt_u32 lane = 0u; lane < RT_LANES; ++lane)
+		if (store.live[lane] != 0u)
+			rt_bvh_hit_lane(view, &store, lane);
+	hit.t = rt_load_f(store.t);
+	hit.index = rt_to_int(rt_load_u(store.index));
+	hit.id = rt_load_u(store.id);
+	return hit;
+}
+
+#endif
+
+#endif
+
+/* The nearest sphere in front of the ray, where `live`: the minimum of (t, id). */
+RT_FN rt_hit rt_closest_hit(rt_scene_view view, rt_ray ray, rt_mask live)
+{
+#if RT_HAS(RT_FEATURE_BVH)
+	int has_tree = view.scene->bvh_root != RT_BVH_NONE;
+	rt_hit hit = rt_closest_listed(view, ray, !has_tree);
+	return has_tree ? rt_bvh_hit(view, ray, hit, live) : hit;
+#else
+	(void)live;
+	return rt_closest_listed(view, ray, 1);
+#endif
+}
+
+#endif

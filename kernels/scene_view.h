@@ -1,0 +1,19 @@
+/* scene_view.h: everything of a scene in device memory, as the kernels hand it on. */
+#ifndef RT_SCENE_VIEW_H
+#define RT_SCENE_VIEW_H
+
+#include "common/rt_structs.h"
+
+typedef struct rt_scene_view {
+	RT_GLOBAL const rt_scene* scene;
+	RT_GLOBAL const rt_sphere* spheres;
+	RT_GLOBAL const rt_wide* wide;
+	RT_GLOBAL const rt_u32* sphere_ids;
+	RT_GLOBAL const rt_u32* sphere_materials;
+	RT_GLOBAL const rt_row4* bvh; /* nodes, then blocks */
+	RT_GLOBAL const rt_material* materials;
+	RT_GLOBAL const rt_texture* textures;
+	RT_GLOBAL const rt_u32* texels;
+} rt_scene_view;
+
+#endif

@@ -26,10 +26,10 @@ RT_KERNEL(rt_clear)(RT_GLOBAL rt_film_pixel* RT_RESTRICT film, rt_u32 pixels)
 RT_KERNEL(rt_render)
 (RT_GLOBAL const rt_scene* RT_RESTRICT scene, RT_GLOBAL const rt_sphere* RT_RESTRICT spheres,
  RT_GLOBAL const rt_wide* RT_RESTRICT wide, RT_GLOBAL const rt_u32* RT_RESTRICT sphere_ids,
- RT_GLOBAL const rt_u32* RT_RESTRICT sphere_materials, RT_GLOBAL const rt_row4* RT_RESTRICT bvh, RT_GLOBAL const rt_material* RT_RESTRICT materials,
- RT_GLOBAL const rt_texture* RT_RESTRICT textures, RT_GLOBAL const rt_u32* RT_RESTRICT texels,
- RT_GLOBAL rt_film_pixel* RT_RESTRICT film, rt_u32 first_row, rt_u32 row_count, rt_u32 first_sample,
- rt_u32 sample_count)
+ RT_GLOBAL const rt_u32* RT_RESTRICT sphere_materials, RT_GLOBAL const rt_row4* RT_RESTRICT bvh,
+ RT_GLOBAL const rt_material* RT_RESTRICT materials, RT_GLOBAL const rt_texture* RT_RESTRICT textures,
+ RT_GLOBAL const rt_u32* RT_RESTRICT texels, RT_GLOBAL rt_film_pixel* RT_RESTRICT film, rt_u32 first_row,
+ rt_u32 row_count, rt_u32 first_sample, rt_u32 sample_count)
 {
 	rt_scene_view view;
 	view.scene = scene;

@@ -18,7 +18,7 @@ struct PackedScene {
 	std::vector<rt_wide> wide;                   // one for each wide sphere
 	std::vector<std::uint32_t> sphere_ids;       // id of a stored sphere: its rank in (wide first, then file order)
 	std::vector<std::uint32_t> sphere_materials; // index into materials, in storage order
-	std::vector<rt_row4> bvh; // empty, or a tree over the spheres that are not wide (render/bvh.h)
+	std::vector<rt_row4> bvh;                    // empty, or a tree over the spheres that are not wide (render/bvh.h)
 	std::vector<rt_material> materials;
 	std::vector<rt_texture> textures;
 	std::vector<std::uint32_t> texels;

@@ -218,9 +218,9 @@ Result<Hash128> render_stress_tile(Device& device, const ProgramHandle& program,
 	RT_TRY_ASSIGN(const BufferHandle texels, upload(device, stress.texels));
 	RT_TRY_ASSIGN(const BufferHandle film, upload(device, pixels));
 	const std::uint32_t items = size * size / device.info().native_lanes;
-	RT_TRY(device.launch(
-	    program, "rt_render", items,
-	    {scene, spheres, wide, ids, sphere_materials, bvh, materials, textures, texels, film, 0u, size, 0u, samples}));
+	RT_TRY(device.launch(program, "rt_render", items,
+	                     {scene, spheres, wide, ids, sphere_materials, bvh, materials, textures, texels, film, 0u, size,
+	                      0u, samples, 1u, size * size}));
 	RT_TRY(device.wait());
 	RT_TRY(device.read(film, 0, pixels.data(), pixels.size() * sizeof(rt_film_pixel)));
 	Hasher hasher;

@@ -146,7 +146,8 @@ RT_FN rt_mask rt_path_scatter(rt_scene_view view, RT_PRIVATE rt_path* path, rt_h
 		direction = v3_sel(diffuse, rt_scatter_lambertian(disc, n), direction);
 #endif
 #if RT_HAS(RT_FEATURE_FUZZ)
-		direction = v3_sel(fuzzy, v3_normalize(rt_scatter_metal(disc, u.a, fuzz, direction), n), direction);
+		if (rt_any(shade & fuzzy))
+			direction = v3_sel(fuzzy, v3_normalize(rt_scatter_metal(disc, u.a, fuzz, direction), n), direction);
 #endif
 	}
 #endif

@@ -28,6 +28,9 @@ constexpr std::uint64_t page_bytes = std::uint64_t(1) << 28;
 // Small sphere counts are compiled in, so that the loop over them can be unrolled.
 constexpr std::size_t max_unrolled_spheres = 16;
 constexpr double progress_interval_seconds = 0.1;
+// A GPU's compute unit holds at most about this many threads; a launch should offer it a few times as many.
+constexpr std::uint64_t threads_a_compute_unit = 2048, launch_fills = 4;
+constexpr std::uint32_t max_slices = 32;
 // Spheres and boxes that a ray tries in a tree, roughly.
 constexpr std::size_t typical_visits = 64;
 // From so many spheres on a tree is faster than trying them all (measured: docs/performance.md).
@@ -201,7 +204,8 @@ public:
 		scene.window_y += first_row;
 		scene.window_height = rows;
 		RT_TRY(device_->write(scene_, 0, &scene, sizeof scene));
-		const std::size_t bytes = page_pixels_ * sizeof(rt_film_pixel);
+		slices_ = slices_for(page_pixels_);
+		const std::size_t bytes = page_pixels_ * slices_ * sizeof(rt_film_pixel);
 		if (!film_ || film_->bytes() < bytes) {
 			film_.reset();
 			RT_TRY_ASSIGN(film_, device_->alloc(bytes));
@@ -232,6 +236,10 @@ public:
 		if (done_.empty())
 			return success();
 		const Clock::time_point start = Clock::now();
+		if (slices_ > 1) {
+			const auto pixels = static_cast<std::uint32_t>(page_pixels_);
+			RT_TRY(device_->launch(program_, "rt_merge", pixels, {film_, pixels, slices_}));
+		}
 		// A slice at a time keeps the copy small.
 		const std::size_t slice = std::min<std::size_t>(page_pixels_, std::size_t(1) << 18);
 		std::vector<rt_film_pixel> pixels(slice);
@@ -265,6 +273,20 @@ private:
 		return device_->write(buffer, 0, data, bytes);
 	}
 
+	// How many parts a pixel's samples are taken in, so that a GPU has enough to do.
+	std::uint32_t slices_for(std::size_t pixels) const
+	{
+		const SessionOptions& options = shared_.options;
+		if (options.slices)
+			return options.slices;
+		if (device_->info().kind != DeviceKind::Gpu)
+			return 1;
+		const std::uint64_t wanted = device_->info().compute_units * threads_a_compute_unit * launch_fills / pixels;
+		const std::uint64_t room = page_bytes / (pixels * sizeof(rt_film_pixel));
+		return static_cast<std::uint32_t>(std::max<std::uint64_t>(
+		    1, std::min({wanted, room, std::uint64_t(max_slices), std::uint64_t(options.samples)})));
+	}
+
 	// An empty list still needs memory that a kernel's argument can point to.
 	template <class T>
 	Status upload_list(BufferHandle& buffer, const std::vector<T>& list)
@@ -281,13 +303,14 @@ private:
 		const std::uint64_t tiles = std::uint64_t((width + 7) / 8) * ((work.rows + 3) / 4);
 		const Clock::time_point start = Clock::now();
 		if (!film_is_clear_) {
-			const auto pixels = static_cast<std::uint32_t>(page_pixels_);
+			const auto pixels = static_cast<std::uint32_t>(page_pixels_ * slices_);
 			RT_TRY(device_->launch(program_, "rt_clear", pixels, {film_, pixels}));
 			film_is_clear_ = true;
 		}
-		RT_TRY(device_->launch(program_, "rt_render", tiles * 32 / stats_.lanes,
+		RT_TRY(device_->launch(program_, "rt_render", tiles * slices_ * 32 / stats_.lanes,
 		                       {scene_, spheres_, wide_, ids_, sphere_materials_, bvh_, materials_, textures_, texels_,
-		                        film_, work.first_row, work.rows, work.first_sample, work.samples},
+		                        film_, work.first_row, work.rows, work.first_sample, work.samples, slices_,
+		                        static_cast<std::uint32_t>(page_pixels_)},
 		                       shared_.options.group_size));
 		RT_TRY(device_->wait());
 		const double seconds = seconds_since(start);
@@ -359,6 +382,7 @@ private:
 	BufferHandle scene_, spheres_, wide_, ids_, sphere_materials_, bvh_, materials_, textures_, texels_, film_;
 	std::uint32_t page_row_ = 0;
 	std::size_t page_pixels_ = 0;
+	std::uint32_t slices_ = 1;
 	bool film_is_clear_ = false; // empty, or holding only the sums of done_
 	std::vector<Work> done_;     // launches whose sums are on the device and not yet in the film
 	double budget_ = 0;          // pixel samples for the next launch
@@ -394,7 +418,7 @@ ProgramSpec render_program(const PackedScene& packed, const DeviceInfo& device, 
 {
 	ProgramSpec spec;
 	spec.root = "kernels/render.cl";
-	spec.entries = {"rt_clear", "rt_render"};
+	spec.entries = {"rt_clear", "rt_merge", "rt_render"};
 	const bool permuted = (packed.features & RT_FEATURE_PERMUTED) != 0;
 	const std::uint32_t features = options.specialise ? packed.features : std::uint32_t(RT_FEATURE_ALL);
 	spec.defines.emplace_back("RT_LANES", fmt::format("{}", options.lanes ? options.lanes : device.native_lanes));

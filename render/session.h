@@ -36,6 +36,7 @@ struct SessionOptions {
 	Acceleration bvh = Acceleration::Auto; // Auto: where the device gains by it
 	std::uint32_t lanes = 0;               // 0: the device's native width
 	std::uint32_t group_size = 0;          // 0: the backend's choice
+	std::uint32_t slices = 0;              // parts that a pixel's samples are taken in, side by side; 0: by the device
 	std::uint32_t rows_per_launch = 0;     // 0: chosen by time
 	std::uint32_t samples_per_launch = 0;
 	const std::atomic<bool>* stop = nullptr; // when true, the launch in flight is finished and the film so far returned

@@ -139,19 +139,21 @@ TEST_CASE("software square roots and reciprocals give the same film", "[identity
 TEST_CASE("launches, groups and sample ranges may be split anywhere", "[identity]")
 {
 	struct Split {
-		std::uint32_t rows, samples, group;
+		std::uint32_t rows, samples, group, slices;
 	};
 	const TestScene& scene = test_scenes().front();
 	const PackedScene packed = pack_test_scene(scene);
 	for (const TestDevice& device : test_devices()) {
-		for (const Split& split : {Split{1, 1, 32}, Split{5, 2, 64}, Split{33, 3, 0}, Split{34, 1, 8}}) {
+		for (const Split& split : {Split{1, 1, 32, 1}, Split{5, 2, 64, 2}, Split{33, 3, 0, 1}, Split{34, 1, 8, 3},
+		                           Split{34, 5, 0, 4}, Split{7, 5, 0, 7}}) {
 			SessionOptions options;
 			options.rows_per_launch = split.rows;
 			options.samples_per_launch = split.samples;
 			options.group_size = split.group;
+			options.slices = split.slices;
 			check_same(render(packed, device, options, scene.samples), reference_film(scene),
 			           "split " + std::to_string(split.rows) + " rows, " + std::to_string(split.samples) +
-			               " samples, " + device.name);
+			               " samples, " + std::to_string(split.slices) + " slices, " + device.name);
 		}
 		// Rule 15: films of sample ranges add up to the whole, in any order.
 		for (std::uint32_t cut = 1; cut < scene.samples; ++cut) {

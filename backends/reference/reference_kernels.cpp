@@ -55,6 +55,7 @@ constexpr ReferenceKernel entry(const char* name)
 
 constexpr ReferenceKernel kernels[] = {
     entry<rt_clear>("rt_clear"),
+    entry<rt_merge>("rt_merge"),
     entry<rt_render>("rt_render"),
     entry<rt_probe>("rt_probe"),
     entry<rt_probe_layout>("rt_probe_layout"),

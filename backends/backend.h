@@ -110,8 +110,16 @@ protected:
 };
 using ProgramHandle = std::shared_ptr<Program>;
 
-// A kernel's argument: a buffer, or a 32-bit scalar.
-using Argument = std::variant<BufferHandle, std::uint32_t>;
+// A kernel's argument: a buffer, a 32-bit scalar, or a struct by value.
+using StructBytes = std::vector<std::uint8_t>;
+using Argument = std::variant<BufferHandle, std::uint32_t, StructBytes>;
+
+template <class Struct>
+StructBytes by_value(const Struct& value)
+{
+	const auto* bytes = reinterpret_cast<const std::uint8_t*>(&value);
+	return StructBytes(bytes, bytes + sizeof value);
+}
 
 class Device {
 public:

@@ -207,7 +207,6 @@ Result<Hash128> render_stress_tile(Device& device, const ProgramHandle& program,
 	if (through_tree)
 		tree = stress.plant_tree(device.info().native_lanes);
 	std::vector<rt_film_pixel> pixels(size * size, rt_film_pixel{});
-	RT_TRY_ASSIGN(const BufferHandle scene, upload(device, std::vector<rt_scene>{stress.scene}));
 	RT_TRY_ASSIGN(const BufferHandle spheres, upload(device, stress.spheres));
 	RT_TRY_ASSIGN(const BufferHandle wide, upload(device, stress.wide));
 	RT_TRY_ASSIGN(const BufferHandle ids, upload(device, stress.ids));
@@ -219,8 +218,8 @@ Result<Hash128> render_stress_tile(Device& device, const ProgramHandle& program,
 	RT_TRY_ASSIGN(const BufferHandle film, upload(device, pixels));
 	const std::uint32_t items = size * size / device.info().native_lanes;
 	RT_TRY(device.launch(program, "rt_render", items,
-	                     {scene, spheres, wide, ids, sphere_materials, bvh, materials, textures, texels, film, 0u, size,
-	                      0u, samples, 1u, size * size}));
+	                     {by_value(stress.scene), by_value(rt_few_spheres{}), spheres, wide, ids, sphere_materials, bvh,
+	                      materials, textures, texels, film, 0u, size, 0u, samples, 1u, size * size}));
 	RT_TRY(device.wait());
 	RT_TRY(device.read(film, 0, pixels.data(), pixels.size() * sizeof(rt_film_pixel)));
 	Hasher hasher;

@@ -4,6 +4,7 @@
  * This header gives each of the three targets the same names:
  *
  *   RT_FN RT_KERNEL RT_GLOBAL RT_PRIVATE RT_RESTRICT RT_TABLE RT_GLOBAL_ID   qualifiers
+ *   RT_VALUE(type) RT_UNIFORM                                               a kernel's parameter by value, where it is
  *   rt_u32 rt_i32 rt_u64 rt_i64                                             scalars of fixed width
  *   rt_float rt_int rt_uint rt_mask                                         one value a lane
  *   rt_splat* rt_sel rt_any rt_not rt_lane_ids RT_GATHER_*                  lane operations
@@ -65,6 +66,8 @@
 #define RT_KERNEL(name) __kernel void name
 #define RT_GLOBAL __global
 #define RT_PRIVATE __private
+#define RT_UNIFORM __private
+#define RT_VALUE(type) const type
 #define RT_RESTRICT restrict
 #define RT_TABLE __constant
 #define RT_GLOBAL_ID ((rt_u32)get_global_id(0))
@@ -80,6 +83,8 @@ typedef long rt_i64;
 #define RT_KERNEL(name) extern "C" __global__ void name
 #define RT_GLOBAL
 #define RT_PRIVATE
+#define RT_UNIFORM
+#define RT_VALUE(type) const __grid_constant__ type
 #define RT_RESTRICT __restrict__
 #define RT_TABLE static __device__ const
 #define RT_GLOBAL_ID (blockIdx.x * blockDim.x + threadIdx.x)
@@ -99,6 +104,8 @@ typedef long long rt_i64;
 #define RT_KERNEL(name) [[maybe_unused]] static void name
 #define RT_GLOBAL
 #define RT_PRIVATE
+#define RT_UNIFORM
+#define RT_VALUE(type) const type
 #define RT_RESTRICT __restrict__
 #define RT_TABLE [[maybe_unused]] static const
 #define RT_GLOBAL_ID rt_host_global_id

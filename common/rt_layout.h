@@ -10,6 +10,7 @@
 #define RT_LAYOUT_LIST(S, M)                                                                           \
 	S(rt_sphere) M(rt_sphere, cx) M(rt_sphere, cy) M(rt_sphere, cz) M(rt_sphere, radius)               \
 	S(rt_wide) M(rt_wide, c0_high) M(rt_wide, c0_low)                                                  \
+	S(rt_few_spheres) M(rt_few_spheres, spheres) M(rt_few_spheres, wide)                               \
 	S(rt_row4) M(rt_row4, a) M(rt_row4, b) M(rt_row4, c) M(rt_row4, d)                                 \
 	S(rt_material) M(rt_material, albedo_r) M(rt_material, albedo_g) M(rt_material, albedo_b)          \
 	M(rt_material, fuzz) M(rt_material, emission_r) M(rt_material, emission_g)                         \

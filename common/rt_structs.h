@@ -25,6 +25,14 @@ typedef struct rt_wide {
 } rt_wide;
 RT_STATIC_ASSERT(sizeof(rt_wide) == 16, wide);
 
+/* What a program made for few spheres gets as a parameter. OpenCL promises room for 1024 bytes of parameters. */
+#define RT_MAX_FEW_SPHERES 16
+typedef struct rt_few_spheres {
+	rt_sphere spheres[RT_MAX_FEW_SPHERES];
+	rt_wide wide[RT_MAX_FEW_SPHERES];
+} rt_few_spheres;
+RT_STATIC_ASSERT(sizeof(rt_few_spheres) == 512, few_spheres);
+
 /* Four floats that devices read at once: what a BVH is made of (kernels/bvh.h, render/bvh.h).
  *
  * A node of W children is 7 W / 4 rows: W low and W high planes in x, then in y, then in z, then W links. A link is a

@@ -41,7 +41,7 @@ RT_FN rt_float rt_slope_inverse(rt_float d)
 	return rt_rcp(rt_from_bits(rt_bits(size) | (rt_bits(d) & 0x80000000u)));
 }
 
-RT_FN rt_slabs rt_ray_slabs(RT_GLOBAL const rt_scene* RT_RESTRICT scene, rt_ray ray)
+RT_FN rt_slabs rt_ray_slabs(RT_UNIFORM const rt_scene* scene, rt_ray ray)
 {
 	rt_slabs slabs;
 	rt_vec3 centre = v3_splat(scene->bvh_x, scene->bvh_y, scene->bvh_z);

@@ -8,7 +8,7 @@
 #include "kernels/sphere.h"
 
 /* The ray of pixel (x, y) for the camera's block of random numbers. */
-RT_FN rt_ray rt_camera_ray(RT_GLOBAL const rt_scene* RT_RESTRICT scene, rt_float x, rt_float y, rt_random4 u)
+RT_FN rt_ray rt_camera_ray(RT_UNIFORM const rt_scene* scene, rt_float x, rt_float y, rt_random4 u)
 {
 	rt_ray ray;
 	rt_vec3 corner = v3_splat(scene->corner_x, scene->corner_y, scene->corner_z);

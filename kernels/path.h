@@ -58,7 +58,7 @@ RT_FN rt_path rt_path_sel(rt_mask mask, rt_path yes, rt_path no)
 }
 
 #if RT_HAS(RT_FEATURE_SKY)
-RT_FN rt_vec3 rt_sky_radiance(RT_GLOBAL const rt_scene* RT_RESTRICT scene, rt_vec3 dir)
+RT_FN rt_vec3 rt_sky_radiance(RT_UNIFORM const rt_scene* scene, rt_vec3 dir)
 {
 	rt_vec3 bottom = v3_splat(scene->sky_bottom_r, scene->sky_bottom_g, scene->sky_bottom_b);
 #if RT_HAS(RT_FEATURE_GRADIENT)

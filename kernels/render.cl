@@ -41,7 +41,7 @@ RT_KERNEL(rt_merge)(RT_GLOBAL rt_film_pixel* RT_RESTRICT film, rt_u32 pixels, rt
  * sample_count <= RT_MAX_SAMPLES_PER_LAUNCH. An image with fewer pixels than a device has threads is taken in slices:
  * each work-item takes a part of the samples, for a film of its own. Work-items beyond the tiles do nothing. */
 RT_KERNEL(rt_render)
-(RT_GLOBAL const rt_scene* RT_RESTRICT scene, RT_GLOBAL const rt_sphere* RT_RESTRICT spheres,
+(RT_VALUE(rt_scene) scene_value, RT_VALUE(rt_few_spheres) few, RT_GLOBAL const rt_sphere* RT_RESTRICT spheres,
  RT_GLOBAL const rt_wide* RT_RESTRICT wide, RT_GLOBAL const rt_u32* RT_RESTRICT sphere_ids,
  RT_GLOBAL const rt_u32* RT_RESTRICT sphere_materials, RT_GLOBAL const rt_row4* RT_RESTRICT bvh,
  RT_GLOBAL const rt_material* RT_RESTRICT materials, RT_GLOBAL const rt_texture* RT_RESTRICT textures,
@@ -49,8 +49,10 @@ RT_KERNEL(rt_render)
  rt_u32 row_count, rt_u32 first_sample, rt_u32 sample_count,
  rt_u32 slices, rt_u32 slice_pixels)
 {
+	RT_UNIFORM const rt_scene* scene = &scene_value;
 	rt_scene_view view;
 	view.scene = scene;
+	view.few = &few;
 	view.spheres = spheres;
 	view.wide = wide;
 	view.sphere_ids = sphere_ids;

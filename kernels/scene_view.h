@@ -1,11 +1,12 @@
-/* scene_view.h: everything of a scene in device memory, as the kernels hand it on. */
+/* scene_view.h: everything of a scene, as the kernels hand it on. */
 #ifndef RT_SCENE_VIEW_H
 #define RT_SCENE_VIEW_H
 
 #include "common/rt_structs.h"
 
 typedef struct rt_scene_view {
-	RT_GLOBAL const rt_scene* scene;
+	RT_UNIFORM const rt_scene* scene;
+	RT_UNIFORM const rt_few_spheres* few; /* filled only where a program is made for so few */
 	RT_GLOBAL const rt_sphere* spheres;
 	RT_GLOBAL const rt_wide* wide;
 	RT_GLOBAL const rt_u32* sphere_ids;

@@ -24,7 +24,8 @@
 #include "kernels/scene_view.h"
 #include "kernels/vec.h"
 
-/* A program specialised to few spheres knows how many, so that loops over them unroll. */
+/* A program specialised to few spheres knows how many, so that loops over them unroll, and has them among its
+ * parameters, so that a GPU reads them as operands. */
 #if defined(RT_DEF_SPHERE_COUNT)
 #define RT_FEW_SPHERES 1
 #define RT_SPHERE_COUNT(scene) ((rt_u32)RT_DEF_SPHERE_COUNT)
@@ -174,7 +175,13 @@ RT_FN rt_hit rt_hit_nearer_chord(rt_hit hit, rt_ray ray, RT_GLOBAL const rt_u32*
 /* The nearest of the wide spheres, and of the others too if `all`; the chord included. */
 RT_FN rt_hit rt_closest_listed(rt_scene_view view, rt_ray ray, int all)
 {
-	RT_GLOBAL const rt_sphere* RT_RESTRICT spheres = view.spheres;
+#if RT_FEW_SPHERES
+	RT_UNIFORM const rt_sphere* spheres = view.few->spheres;
+	RT_UNIFORM const rt_wide* wide = view.few->wide;
+#else
+	RT_GLOBAL const rt_sphere* spheres = view.spheres;
+	RT_GLOBAL const rt_wide* wide = view.wide;
+#endif
 	rt_hit hit = rt_hit_none();
 	rt_u32 i = 0u;
 #if RT_HAS(RT_FEATURE_WIDE)
@@ -184,7 +191,7 @@ RT_FN rt_hit rt_closest_listed(rt_scene_view view, rt_ray ray, int all)
 		rt_mask met;
 		rt_float t =
 		    rt_wide_distance(v3_splat(spheres[i].cx, spheres[i].cy, spheres[i].cz), rt_splat(spheres[i].radius),
-		                     rt_splat(view.wide[i].c0_high), rt_splat(view.wide[i].c0_low), ray, origin, origin_square,
+		                     rt_splat(wide[i].c0_high), rt_splat(wide[i].c0_low), ray, origin, origin_square,
 		                     ray.from == rt_splat_i((rt_i32)i), &met);
 		hit = rt_hit_nearer(hit, t, met, i, view.sphere_ids);
 	}
@@ -210,7 +217,7 @@ typedef struct rt_surface {
 
 /* `index` must be a valid storage index in every lane. The normal comes from the foot of the perpendicular, never from
  * point minus centre, whose digits cancel for a small sphere far away. */
-RT_FN rt_surface rt_sphere_surface(RT_GLOBAL const rt_scene* RT_RESTRICT scene,
+RT_FN rt_surface rt_sphere_surface(RT_UNIFORM const rt_scene* scene,
                                    RT_GLOBAL const rt_sphere* RT_RESTRICT spheres, rt_ray ray, rt_float t, rt_int index)
 {
 	rt_surface s;

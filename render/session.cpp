@@ -25,8 +25,6 @@ double seconds_since(Clock::time_point start) { return std::chrono::duration<dou
 constexpr double target_launch_seconds = 0.1;
 // A device holds the sums of this many bytes of pixels at once; larger windows are rendered page by page.
 constexpr std::uint64_t page_bytes = std::uint64_t(1) << 28;
-// Small sphere counts are compiled in, so that the loop over them can be unrolled.
-constexpr std::size_t max_unrolled_spheres = 16;
 constexpr double progress_interval_seconds = 0.1;
 // A GPU's compute unit holds at most about this many threads; a launch should offer it a few times as many.
 constexpr std::uint64_t threads_a_compute_unit = 2048, launch_fills = 4;
@@ -179,7 +177,6 @@ public:
 		stats_.native_roots = !options.software_roots && !device_->info().hardware_seeds;
 
 		const Clock::time_point start = Clock::now();
-		RT_TRY(upload(scene_, &packed.scene, sizeof packed.scene));
 		RT_TRY(upload_list(spheres_, packed.spheres));
 		RT_TRY(upload_list(wide_, packed.wide));
 		RT_TRY(upload_list(ids_, packed.sphere_ids));
@@ -189,6 +186,10 @@ public:
 		RT_TRY(upload_list(textures_, packed.textures));
 		RT_TRY(upload_list(texels_, packed.texels));
 		stats_.upload_seconds = seconds_since(start);
+		if (packed.spheres.size() <= RT_MAX_FEW_SPHERES) {
+			std::copy(packed.spheres.begin(), packed.spheres.end(), few_.spheres);
+			std::copy(packed.wide.begin(), packed.wide.end(), few_.wide);
+		}
 		stats_.bvh = !packed.bvh.empty();
 		// A guess to begin with, corrected by every launch: brute force costs in proportion to the spheres.
 		const std::size_t tried = packed.bvh.empty() ? packed.spheres.size() : packed.wide.size() + typical_visits;
@@ -200,10 +201,9 @@ public:
 	{
 		page_row_ = first_row;
 		page_pixels_ = std::size_t(rows) * shared_.packed.scene.window_width;
-		rt_scene scene = packed_.scene;
-		scene.window_y += first_row;
-		scene.window_height = rows;
-		RT_TRY(device_->write(scene_, 0, &scene, sizeof scene));
+		scene_ = packed_.scene;
+		scene_.window_y += first_row;
+		scene_.window_height = rows;
 		slices_ = slices_for(page_pixels_);
 		const std::size_t bytes = page_pixels_ * slices_ * sizeof(rt_film_pixel);
 		if (!film_ || film_->bytes() < bytes) {
@@ -308,9 +308,9 @@ private:
 			film_is_clear_ = true;
 		}
 		RT_TRY(device_->launch(program_, "rt_render", tiles * slices_ * 32 / stats_.lanes,
-		                       {scene_, spheres_, wide_, ids_, sphere_materials_, bvh_, materials_, textures_, texels_,
-		                        film_, work.first_row, work.rows, work.first_sample, work.samples, slices_,
-		                        static_cast<std::uint32_t>(page_pixels_)},
+		                       {by_value(scene_), by_value(few_), spheres_, wide_, ids_, sphere_materials_, bvh_,
+		                        materials_, textures_, texels_, film_, work.first_row, work.rows, work.first_sample,
+		                        work.samples, slices_, static_cast<std::uint32_t>(page_pixels_)},
 		                       shared_.options.group_size));
 		RT_TRY(device_->wait());
 		const double seconds = seconds_since(start);
@@ -379,7 +379,9 @@ private:
 	Shared& shared_;
 	DeviceStats stats_;
 	ProgramHandle program_;
-	BufferHandle scene_, spheres_, wide_, ids_, sphere_materials_, bvh_, materials_, textures_, texels_, film_;
+	rt_scene scene_{}; // of the page
+	rt_few_spheres few_{};
+	BufferHandle spheres_, wide_, ids_, sphere_materials_, bvh_, materials_, textures_, texels_, film_;
 	std::uint32_t page_row_ = 0;
 	std::size_t page_pixels_ = 0;
 	std::uint32_t slices_ = 1;
@@ -426,7 +428,7 @@ ProgramSpec render_program(const PackedScene& packed, const DeviceInfo& device, 
 	spec.defines.emplace_back("RT_DEF_NATIVE_ROOTS", options.software_roots || device.hardware_seeds ? "0" : "1");
 	if (options.allow_contraction)
 		spec.defines.emplace_back("RT_DEF_CONTRACT", "1");
-	if (options.specialise && !permuted && packed.spheres.size() <= max_unrolled_spheres) {
+	if (options.specialise && !permuted && packed.spheres.size() <= RT_MAX_FEW_SPHERES) {
 		spec.defines.emplace_back("RT_DEF_SPHERE_COUNT", fmt::format("{}", packed.spheres.size()));
 		spec.defines.emplace_back("RT_DEF_WIDE_COUNT", fmt::format("{}", packed.wide.size()));
 	}

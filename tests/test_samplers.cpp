@@ -546,6 +546,7 @@ struct Probe {
 		REQUIRE(result);
 		packed = *result;
 		view = {&packed.scene,
+		        nullptr,
 		        packed.spheres.data(),
 		        packed.wide.data(),
 		        packed.sphere_ids.data(),

@@ -75,6 +75,8 @@ constexpr unsigned cu_stream_non_blocking = 1;
 	X(cuMemGetInfo_v2, (std::size_t * free, std::size_t * total))                                                  \
 	X(cuMemAlloc_v2, (CuDevicePtr * pointer, std::size_t bytes))                                                   \
 	X(cuMemFree_v2, (CuDevicePtr pointer))                                                                         \
+	X(cuMemHostAlloc, (void** pointer, std::size_t bytes, unsigned flags))                                         \
+	X(cuMemFreeHost, (void* pointer))                                                                              \
 	X(cuMemcpyHtoDAsync_v2, (CuDevicePtr target, const void* source, std::size_t bytes, CuStream stream))          \
 	X(cuMemcpyDtoHAsync_v2, (void* target, CuDevicePtr source, std::size_t bytes, CuStream stream))                \
 	X(cuModuleLoadDataEx, (CuModule * module, const void* image, unsigned options, int* names, void** values))     \

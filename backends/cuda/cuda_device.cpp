@@ -3,6 +3,7 @@
 #include "backends/cuda/generic_program.h"
 #include "backends/kernel_text.h"
 #include "backends/program_cache.h"
+#include "backends/staging.h"
 
 #include <fmt/format.h>
 
@@ -37,6 +38,8 @@ public:
 	{
 		if (stream_ && make_current())
 			api_.cuStreamDestroy_v2(stream_);
+		if (staging_ && make_current())
+			api_.cuMemFreeHost(staging_);
 		if (context_) {
 			api_.cuCtxSetCurrent(nullptr);
 			const auto release =
@@ -52,6 +55,18 @@ public:
 		RT_TRY(make_current());
 		// Apart from the default stream, so that other users of the primary context do not serialise with it.
 		return check(api_.cuStreamCreate(&stream_, cu_stream_non_blocking), "cuStreamCreate");
+	}
+
+	// Twice staging_bytes of page-locked memory, or null where there is none to be had: the driver copies into it
+	// several times as fast as into pages that it must lock first.
+	std::uint8_t* staging()
+	{
+		if (!staging_ && !staging_failed_) {
+			void* memory = nullptr;
+			staging_failed_ = api_.cuMemHostAlloc(&memory, 2 * staging_bytes, 0) != cu_success;
+			staging_ = staging_failed_ ? nullptr : static_cast<std::uint8_t*>(memory);
+		}
+		return staging_;
 	}
 
 	Status make_current() const { return check(api_.cuCtxSetCurrent(context_), "cuCtxSetCurrent"); }
@@ -73,6 +88,8 @@ private:
 	std::string where_;
 	CuContext context_ = nullptr;
 	CuStream stream_ = nullptr;
+	std::uint8_t* staging_ = nullptr;
+	bool staging_failed_ = false;
 };
 
 namespace {
@@ -336,10 +353,15 @@ Status CudaDevice::launch(const ProgramHandle& program, const std::string& entry
 		std::size_t bytes = sizeof(std::uint32_t);
 		if (const auto* const scalar = std::get_if<std::uint32_t>(&arguments[i])) {
 			std::memcpy(&values[i], scalar, bytes);
+			parameters[i] = &values[i];
+		} else if (const auto* const value = std::get_if<StructBytes>(&arguments[i])) {
+			bytes = value->size();
+			parameters[i] = const_cast<std::uint8_t*>(value->data()); // only read
 		} else {
 			RT_TRY_ASSIGN(CudaBuffer* const buffer, own_buffer(*std::get_if<BufferHandle>(&arguments[i]), *context_));
 			values[i] = buffer->pointer();
 			bytes = sizeof(CuDevicePtr);
+			parameters[i] = &values[i];
 		}
 		if (kernel->parameters_known && kernel->parameter_bytes[i] != bytes)
 			return Error{ErrorKind::Failure,
@@ -348,7 +370,6 @@ Status CudaDevice::launch(const ProgramHandle& program, const std::string& entry
 			             context_->where(),
 			             {},
 			             {}};
-		parameters[i] = &values[i];
 	}
 	return context_->check(context_->api().cuLaunchKernel(kernel->function, static_cast<unsigned>(groups), 1, 1,
 	                                                      static_cast<unsigned>(group), 1, 1, 0, context_->stream(),
@@ -395,9 +416,15 @@ Status CudaDevice::read(const BufferHandle& buffer, std::size_t offset, void* da
 	if (bytes == 0)
 		return success();
 	RT_TRY(context_->make_current());
-	RT_TRY(
-	    context_->check(context_->api().cuMemcpyDtoHAsync_v2(data, own->pointer() + offset, bytes, context_->stream()),
-	                    "cuMemcpyDtoHAsync"));
+	const auto start_copy = [&](void* target, std::size_t first, std::size_t count) {
+		return context_->check(
+		    context_->api().cuMemcpyDtoHAsync_v2(target, own->pointer() + offset + first, count, context_->stream()),
+		    "cuMemcpyDtoHAsync");
+	};
+	std::uint8_t* const staging = bytes >= min_staged_bytes ? context_->staging() : nullptr;
+	if (staging)
+		return read_through_staging(staging, data, bytes, start_copy, [&] { return context_->synchronize(); });
+	RT_TRY(start_copy(data, 0, bytes));
 	return context_->synchronize();
 }
 

@@ -39,6 +39,8 @@
 	X(ReleaseMemObject)        \
 	X(EnqueueWriteBuffer)      \
 	X(EnqueueReadBuffer)       \
+	X(EnqueueMapBuffer)        \
+	X(EnqueueUnmapMemObject)   \
 	X(EnqueueNDRangeKernel)    \
 	X(Flush)                   \
 	X(Finish)                  \

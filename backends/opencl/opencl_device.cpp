@@ -2,6 +2,7 @@
 
 #include "backends/kernel_text.h"
 #include "backends/program_cache.h"
+#include "backends/staging.h"
 
 #include <fmt/format.h>
 
@@ -23,6 +24,9 @@ struct Context {
 	cl_device_id device = nullptr;
 	cl_context context = nullptr;
 	cl_command_queue queue = nullptr;
+	cl_mem staging_memory = nullptr; // mapped at `staging`
+	void* staging = nullptr;
+	bool staging_failed = false;
 
 	Context(const OpenClApi& functions, std::string name, cl_device_id id)
 	    : api(functions), device_name(std::move(name)), device(id)
@@ -32,12 +36,32 @@ struct Context {
 	Context& operator=(const Context&) = delete;
 	~Context()
 	{
+		if (staging && api.EnqueueUnmapMemObject(queue, staging_memory, staging, 0, nullptr, nullptr) == CL_SUCCESS)
+			api.Finish(queue);
+		if (staging_memory)
+			api.ReleaseMemObject(staging_memory);
 		if (queue)
 			api.ReleaseCommandQueue(queue);
 		if (context)
 			api.ReleaseContext(context);
 	}
 	Error error(const char* call, cl_int code) const { return opencl_error(call, code, device_name); }
+
+	// Memory for read_through_staging, or null where there is none to be had. Drivers of GPUs page-lock what they
+	// allocate on the host's side.
+	std::uint8_t* staging_halves()
+	{
+		if (!staging && !staging_failed) {
+			cl_int code = CL_SUCCESS;
+			staging_memory =
+			    api.CreateBuffer(context, CL_MEM_READ_WRITE | CL_MEM_ALLOC_HOST_PTR, 2 * staging_bytes, nullptr, &code);
+			if (code == CL_SUCCESS)
+				staging = api.EnqueueMapBuffer(queue, staging_memory, CL_TRUE, CL_MAP_READ | CL_MAP_WRITE, 0,
+				                               2 * staging_bytes, 0, nullptr, nullptr, &code);
+			staging_failed = code != CL_SUCCESS || staging == nullptr;
+		}
+		return static_cast<std::uint8_t*>(staging);
+	}
 };
 using ContextHandle = std::shared_ptr<Context>;
 
@@ -186,9 +210,20 @@ public:
 		RT_TRY_ASSIGN(const OpenClBuffer* own, own_buffer(buffer, "read", offset, bytes));
 		if (bytes == 0)
 			return success();
-		const cl_int code =
-		    api_.EnqueueReadBuffer(context_->queue, own->memory(), CL_TRUE, offset, bytes, data, 0, nullptr, nullptr);
-		return transferred("clEnqueueReadBuffer", code, own->bytes());
+		const auto copy = [&](void* target, std::size_t first, std::size_t count, cl_bool blocking) {
+			const cl_int code = api_.EnqueueReadBuffer(context_->queue, own->memory(), blocking, offset + first, count,
+			                                           target, 0, nullptr, nullptr);
+			return transferred("clEnqueueReadBuffer", code, own->bytes());
+		};
+		const bool staged = info_.kind == DeviceKind::Gpu && bytes >= min_staged_bytes;
+		if (std::uint8_t* const staging = staged ? context_->staging_halves() : nullptr)
+			return read_through_staging(
+			    staging, data, bytes,
+			    [&](void* target, std::size_t first, std::size_t count) {
+				    return copy(target, first, count, CL_FALSE);
+			    },
+			    [&] { return wait(); });
+		return copy(data, 0, bytes, CL_TRUE);
 	}
 
 	Status wait() override
@@ -244,6 +279,9 @@ private:
 			if (const auto* scalar = std::get_if<std::uint32_t>(&arguments[i])) {
 				value = scalar;
 				bytes = sizeof *scalar;
+			} else if (const auto* bytes_of_struct = std::get_if<StructBytes>(&arguments[i])) {
+				value = bytes_of_struct->data();
+				bytes = bytes_of_struct->size();
 			} else {
 				RT_TRY_ASSIGN(const OpenClBuffer* own,
 				              own_buffer(*std::get_if<BufferHandle>(&arguments[i]), "launch", 0, 0));

@@ -135,6 +135,8 @@ public:
 		for (const Argument& argument : arguments) {
 			if (const auto* buffer = std::get_if<BufferHandle>(&argument)) {
 				places.push_back(static_cast<const HostBuffer&>(**buffer).data());
+			} else if (const auto* value = std::get_if<StructBytes>(&argument)) {
+				places.push_back(const_cast<std::uint8_t*>(value->data())); // only read
 			} else {
 				scalars.push_back(std::get<std::uint32_t>(argument));
 				places.push_back(&scalars.back());

@@ -45,8 +45,7 @@ RT_FN rt_channel_sum rt_channel_add(rt_channel_sum sum, rt_mask finished, rt_flo
 
 /* Adds one sample in the lanes where it is finished. A radiance that is NaN, infinite, negative or above the scene's
  * limit counts as black and is tallied (contract rule 7). */
-RT_FN rt_film_sum rt_film_add(RT_UNIFORM const rt_scene* scene, rt_film_sum sum, rt_mask finished,
-                              rt_vec3 radiance)
+RT_FN rt_film_sum rt_film_add(RT_UNIFORM const rt_scene* scene, rt_film_sum sum, rt_mask finished, rt_vec3 radiance)
 {
 	rt_float limit = rt_splat(scene->radiance_limit);
 	rt_float zero = rt_splat(0.0f);

@@ -46,8 +46,7 @@ RT_KERNEL(rt_render)
  RT_GLOBAL const rt_u32* RT_RESTRICT sphere_materials, RT_GLOBAL const rt_row4* RT_RESTRICT bvh,
  RT_GLOBAL const rt_material* RT_RESTRICT materials, RT_GLOBAL const rt_texture* RT_RESTRICT textures,
  RT_GLOBAL const rt_u32* RT_RESTRICT texels, RT_GLOBAL rt_film_pixel* RT_RESTRICT film, rt_u32 first_row,
- rt_u32 row_count, rt_u32 first_sample, rt_u32 sample_count,
- rt_u32 slices, rt_u32 slice_pixels)
+ rt_u32 row_count, rt_u32 first_sample, rt_u32 sample_count, rt_u32 slices, rt_u32 slice_pixels)
 {
 	RT_UNIFORM const rt_scene* scene = &scene_value;
 	rt_scene_view view;

@@ -189,10 +189,9 @@ RT_FN rt_hit rt_closest_listed(rt_scene_view view, rt_ray ray, int all)
 	rt_float origin_square = v3_dot(origin, origin);
 	for (; i < RT_WIDE_COUNT(view.scene); ++i) {
 		rt_mask met;
-		rt_float t =
-		    rt_wide_distance(v3_splat(spheres[i].cx, spheres[i].cy, spheres[i].cz), rt_splat(spheres[i].radius),
-		                     rt_splat(wide[i].c0_high), rt_splat(wide[i].c0_low), ray, origin, origin_square,
-		                     ray.from == rt_splat_i((rt_i32)i), &met);
+		rt_float t = rt_wide_distance(v3_splat(spheres[i].cx, spheres[i].cy, spheres[i].cz),
+		                              rt_splat(spheres[i].radius), rt_splat(wide[i].c0_high), rt_splat(wide[i].c0_low),
+		                              ray, origin, origin_square, ray.from == rt_splat_i((rt_i32)i), &met);
 		hit = rt_hit_nearer(hit, t, met, i, view.sphere_ids);
 	}
 #endif
@@ -217,8 +216,8 @@ typedef struct rt_surface {
 
 /* `index` must be a valid storage index in every lane. The normal comes from the foot of the perpendicular, never from
  * point minus centre, whose digits cancel for a small sphere far away. */
-RT_FN rt_surface rt_sphere_surface(RT_UNIFORM const rt_scene* scene,
-                                   RT_GLOBAL const rt_sphere* RT_RESTRICT spheres, rt_ray ray, rt_float t, rt_int index)
+RT_FN rt_surface rt_sphere_surface(RT_UNIFORM const rt_scene* scene, RT_GLOBAL const rt_sphere* RT_RESTRICT spheres,
+                                   rt_ray ray, rt_float t, rt_int index)
 {
 	rt_surface s;
 	rt_vec3 center =

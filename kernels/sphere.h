@@ -177,14 +177,17 @@ RT_FN rt_hit rt_closest_listed(rt_scene_view view, rt_ray ray, int all)
 {
 #if RT_FEW_SPHERES
 	RT_UNIFORM const rt_sphere* spheres = view.few->spheres;
-	RT_UNIFORM const rt_wide* wide = view.few->wide;
 #else
 	RT_GLOBAL const rt_sphere* spheres = view.spheres;
-	RT_GLOBAL const rt_wide* wide = view.wide;
 #endif
 	rt_hit hit = rt_hit_none();
 	rt_u32 i = 0u;
 #if RT_HAS(RT_FEATURE_WIDE)
+#if RT_FEW_SPHERES
+	RT_UNIFORM const rt_wide* wide = view.few->wide;
+#else
+	RT_GLOBAL const rt_wide* wide = view.wide;
+#endif
 	rt_vec3 origin = rt_ray_origin(ray);
 	rt_float origin_square = v3_dot(origin, origin);
 	for (; i < RT_WIDE_COUNT(view.scene); ++i) {

@@ -26,8 +26,9 @@ constexpr double target_launch_seconds = 0.1;
 // A device holds the sums of this many bytes of pixels at once; larger windows are rendered page by page.
 constexpr std::uint64_t page_bytes = std::uint64_t(1) << 28;
 constexpr double progress_interval_seconds = 0.1;
-// A GPU's compute unit holds at most about this many threads; a launch should offer it a few times as many.
-constexpr std::uint64_t threads_a_compute_unit = 2048, launch_fills = 4;
+// A GPU's compute unit holds at most about this many threads; a launch should offer it as many. More would leave each
+// too few samples to go on with when a path ends.
+constexpr std::uint64_t threads_a_compute_unit = 2048, launch_fills = 1;
 constexpr std::uint32_t max_slices = 32;
 // Spheres and boxes that a ray tries in a tree, roughly.
 constexpr std::size_t typical_visits = 64;
@@ -240,8 +241,8 @@ public:
 			const auto pixels = static_cast<std::uint32_t>(page_pixels_);
 			RT_TRY(device_->launch(program_, "rt_merge", pixels, {film_, pixels, slices_}));
 		}
-		// A slice at a time keeps the copy small.
-		const std::size_t slice = std::min<std::size_t>(page_pixels_, std::size_t(1) << 18);
+		// A part at a time keeps the copy small.
+		const std::size_t slice = std::min<std::size_t>(page_pixels_, std::size_t(1) << 17);
 		std::vector<rt_film_pixel> pixels(slice);
 		const std::size_t offset = std::size_t(page_row_) * shared_.packed.scene.window_width;
 		for (std::size_t first = 0; first < page_pixels_; first += slice) {
@@ -253,12 +254,15 @@ public:
 		{
 			const std::lock_guard<std::mutex> lock(shared_.mutex);
 			const std::size_t width = shared_.packed.scene.window_width;
-			for (const Work& work : done_) {
-				const auto begin = shared_.film.samples().begin() +
-				                   static_cast<std::ptrdiff_t>(offset + std::size_t(work.first_row) * width);
-				const auto end = begin + static_cast<std::ptrdiff_t>(std::size_t(work.rows) * width);
-				std::for_each(begin, end, [&](std::uint32_t& samples) { samples += work.samples; });
-			}
+			// All launches of a row together: most took whole pages.
+			std::vector<std::uint32_t> row_samples(page_pixels_ / width, 0);
+			for (const Work& work : done_)
+				for (std::uint32_t row = work.first_row; row < work.first_row + work.rows; ++row)
+					row_samples[row] += work.samples;
+			std::uint32_t* samples = shared_.film.samples().data() + offset;
+			for (const std::uint32_t taken : row_samples)
+				for (std::size_t x = 0; x < width; ++x)
+					*samples++ += taken;
 		}
 		done_.clear();
 		film_is_clear_ = false;

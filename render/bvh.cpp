@@ -192,12 +192,22 @@ public:
 		std::vector<Part> parts(deferred.size());
 		std::vector<std::uint32_t> roots(deferred.size());
 		parallel_for(deferred.size(), 1, [&](std::uint64_t begin, std::uint64_t end) {
-			for (std::uint64_t i = begin; i < end; ++i)
+			for (std::uint64_t i = begin; i < end; ++i) {
 				roots[i] = add(parts[i], deferred[i], nullptr);
+				parts[i].nodes.shrink_to_fit();
+				parts[i].blocks.shrink_to_fit();
+			}
 		});
 		std::uint32_t deepest = 0;
 		for (const Part& part : parts)
 			deepest = std::max(deepest, part.stack);
+		std::size_t node_total = top.nodes.size(), block_total = top.blocks.size();
+		for (const Part& part : parts) {
+			node_total += part.nodes.size();
+			block_total += part.blocks.size();
+		}
+		top.nodes.reserve(node_total);
+		top.blocks.reserve(block_total);
 		// Links to deferred parts are numbered from deferred_link; now it is known where each begins.
 		std::vector<std::uint32_t> links(deferred.size());
 		const std::size_t node_rows = RT_BVH_NODE_ROWS(shape_.width), block_rows = RT_BVH_BLOCK_ROWS(shape_.width);
@@ -466,9 +476,8 @@ Result<PackedScene> with_bvh(const PackedScene& packed, std::uint32_t lanes, Bvh
 	try {
 		const auto start = std::chrono::steady_clock::now();
 		const std::size_t wide = packed.wide.size(), count = packed.spheres.size() - wide;
-		PackedScene out = packed;
 		if (count == 0)
-			return out;
+			return packed;
 
 		// The tree's centre: of the box of all centres, so that small scenes far from the camera keep their digits.
 		std::array<double, 3> low{HUGE_VAL, HUGE_VAL, HUGE_VAL}, high{-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
@@ -505,6 +514,11 @@ Result<PackedScene> with_bvh(const PackedScene& packed, std::uint32_t lanes, Bvh
 		if (tree.stack > RT_BVH_STACK(lanes))
 			tree = Builder(items, shape, first_stored, 0).build(&root);
 
+		PackedScene out = packed; // not before the tree stands: there are enough copies in memory while it grows
+		Box all;
+		for (const Item& item : items)
+			all.add(item);
+		const auto root_area = static_cast<double>(all.half_area());
 		// Store the spheres as the leaves want them.
 		for (std::size_t i = 0; i < count; ++i) {
 			const std::uint32_t source = items[i].source;
@@ -520,14 +534,13 @@ Result<PackedScene> with_bvh(const PackedScene& packed, std::uint32_t lanes, Bvh
 		out.scene.bvh_y = center[1];
 		out.scene.bvh_z = center[2];
 		out.scene.bvh_extent = extent;
+		std::vector<Item>().swap(items);
 		out.bvh = std::move(tree.nodes);
+		out.bvh.reserve(out.bvh.size() + tree.blocks.size());
 		out.bvh.insert(out.bvh.end(), tree.blocks.begin(), tree.blocks.end());
 		out.features |= RT_FEATURE_BVH | RT_FEATURE_PERMUTED;
 		if (stats) {
-			Box all;
-			for (const Item& item : items)
-				all.add(item);
-			const auto area = std::max(static_cast<double>(all.half_area()), 1e-300);
+			const auto area = std::max(root_area, 1e-300);
 			stats->nodes = out.scene.bvh_blocks / RT_BVH_NODE_ROWS(shape.width);
 			stats->stack = tree.stack;
 			stats->node_visits = tree.visited_area / area;

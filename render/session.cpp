@@ -155,9 +155,10 @@ struct Shared {
 
 class Worker {
 public:
-	// packed: as this device wants its spheres stored; otherwise the shared scene.
-	Worker(DeviceHandle device, const PackedScene& packed, Shared& shared)
-	    : device_(std::move(device)), packed_(packed), shared_(shared)
+	// packed: the shared scene with its spheres stored as this device wants them.
+	// spare: the same if nobody needs its lists once they are uploaded.
+	Worker(DeviceHandle device, const PackedScene& packed, PackedScene* spare, Shared& shared)
+	    : device_(std::move(device)), packed_(packed), spare_(spare), shared_(shared)
 	{
 		stats_.device = device_->info().name;
 	}
@@ -177,16 +178,6 @@ public:
 		stats_.lanes = options.lanes ? options.lanes : device_->info().native_lanes;
 		stats_.native_roots = !options.software_roots && !device_->info().hardware_seeds;
 
-		const Clock::time_point start = Clock::now();
-		RT_TRY(upload_list(spheres_, packed.spheres));
-		RT_TRY(upload_list(wide_, packed.wide));
-		RT_TRY(upload_list(ids_, packed.sphere_ids));
-		RT_TRY(upload_list(sphere_materials_, packed.sphere_materials));
-		RT_TRY(upload_list(bvh_, packed.bvh));
-		RT_TRY(upload_list(materials_, packed.materials));
-		RT_TRY(upload_list(textures_, packed.textures));
-		RT_TRY(upload_list(texels_, packed.texels));
-		stats_.upload_seconds = seconds_since(start);
 		if (packed.spheres.size() <= RT_MAX_FEW_SPHERES) {
 			std::copy(packed.spheres.begin(), packed.spheres.end(), few_.spheres);
 			std::copy(packed.wide.begin(), packed.wide.end(), few_.wide);
@@ -195,6 +186,17 @@ public:
 		// A guess to begin with, corrected by every launch: brute force costs in proportion to the spheres.
 		const std::size_t tried = packed.bvh.empty() ? packed.spheres.size() : packed.wide.size() + typical_visits;
 		budget_ = std::min(65536.0, 0x1p27 / (8.0 + double(tried)));
+
+		const Clock::time_point start = Clock::now();
+		RT_TRY(upload_list(spheres_, &PackedScene::spheres));
+		RT_TRY(upload_list(wide_, &PackedScene::wide));
+		RT_TRY(upload_list(ids_, &PackedScene::sphere_ids));
+		RT_TRY(upload_list(sphere_materials_, &PackedScene::sphere_materials));
+		RT_TRY(upload_list(bvh_, &PackedScene::bvh));
+		RT_TRY(upload_list(materials_, &PackedScene::materials));
+		RT_TRY(upload_list(textures_, &PackedScene::textures));
+		RT_TRY(upload_list(texels_, &PackedScene::texels));
+		stats_.upload_seconds = seconds_since(start);
 		return success();
 	}
 
@@ -293,11 +295,15 @@ private:
 
 	// An empty list still needs memory that a kernel's argument can point to.
 	template <class T>
-	Status upload_list(BufferHandle& buffer, const std::vector<T>& list)
+	Status upload_list(BufferHandle& buffer, std::vector<T> PackedScene::*member)
 	{
+		const std::vector<T>& list = packed_.*member;
 		const T nothing{};
-		return list.empty() ? upload(buffer, &nothing, sizeof nothing)
-		                    : upload(buffer, list.data(), list.size() * sizeof(T));
+		RT_TRY(list.empty() ? upload(buffer, &nothing, sizeof nothing)
+		                    : upload(buffer, list.data(), list.size() * sizeof(T)));
+		if (spare_)
+			std::vector<T>().swap(spare_->*member);
+		return success();
 	}
 
 	Status run(const Work& work)
@@ -380,6 +386,7 @@ private:
 
 	DeviceHandle device_;
 	const PackedScene& packed_;
+	PackedScene* spare_;
 	Shared& shared_;
 	DeviceStats stats_;
 	ProgramHandle program_;
@@ -478,8 +485,11 @@ Result<SessionResult> render_scene(const PackedScene& packed, const std::vector<
 	std::vector<Worker> workers;
 	workers.reserve(devices.size());
 	std::uint64_t max_alloc = 0;
+	const auto lanes_of = [&](const DeviceHandle& device) {
+		return options.lanes ? options.lanes : device->info().native_lanes;
+	};
 	for (const DeviceHandle& device : devices) {
-		const std::uint32_t lanes = options.lanes ? options.lanes : device->info().native_lanes;
+		const std::uint32_t lanes = lanes_of(device);
 		if (wants_bvh(packed, lanes, options.bvh) && !trees.count(lanes)) {
 			if (options.status)
 				options.status(fmt::format("building a tree of {} spheres", packed.spheres.size()));
@@ -487,7 +497,11 @@ Result<SessionResult> render_scene(const PackedScene& packed, const std::vector<
 			RT_TRY_ASSIGN(trees[lanes], with_bvh(packed, lanes));
 			result.bvh_seconds += seconds_since(start);
 		}
-		workers.emplace_back(device, trees.count(lanes) ? trees[lanes] : packed, shared);
+		const auto tree = trees.find(lanes);
+		const bool last = std::none_of(devices.begin() + static_cast<std::ptrdiff_t>(workers.size()) + 1, devices.end(),
+		                               [&](const DeviceHandle& later) { return lanes_of(later) == lanes; });
+		workers.emplace_back(device, tree == trees.end() ? packed : tree->second,
+		                     tree == trees.end() || !last ? nullptr : &tree->second, shared);
 		RT_TRY(workers.back().prepare());
 		const std::uint64_t bytes = device->info().max_alloc_bytes;
 		max_alloc = max_alloc && bytes ? std::min(max_alloc, bytes) : std::max(max_alloc, bytes);

@@ -83,6 +83,7 @@ private:
 		session.progress = [this](const Progress& progress) { tell_progress(progress); };
 		session.snapshot = [this](const Film& film) { show_snapshot(film); };
 		RT_TRY_ASSIGN(SessionResult pass, render_scene(packed_, devices_, session));
+		result_.bvh_seconds += pass.bvh_seconds;
 		result_.seconds += pass.render_seconds;
 		result_.samples += total_samples(pass.film);
 		result_.segments += pass.film.segments;

@@ -32,6 +32,7 @@ struct PassResult {
 	Film film;                // everything that was taken; uneven only if interrupted
 	std::optional<Film> even; // if interrupted and resumable: what can be gone on from, unless that is nothing
 	bool interrupted = false;
+	double bvh_seconds = 0;           // building trees
 	double seconds = 0;               // rendering, without checkpoints
 	std::uint64_t samples = 0;        // pixel samples taken here, without those of `start`
 	std::uint64_t segments = 0;       // path segments, the same

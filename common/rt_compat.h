@@ -366,7 +366,7 @@ RT_FN rt_float rt_load_f(const float* pointer)
 	return x;
 }
 /* The i-th RT_LANES floats from a row on */
-#define rt_load_rows(row, i) rt_load_f((const float*)(row) + RT_LANES * (i))
+#define rt_load_rows(row, i) rt_load_f(&((const float*)(row))[RT_LANES * (i)])
 RT_FN rt_u32 rt_bits_one(float x)
 {
 	rt_u32 bits;

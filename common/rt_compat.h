@@ -183,7 +183,28 @@ RT_FN float rt_from_bits(rt_u32 bits)
 
 /* ---- several lanes: vectors --------------------------------------------------------------------- */
 
-#elif defined(RT_TARGET_OPENCL)
+#else
+
+/* array[index] field of each lane, by its number in hexadecimal: RT_LANE(i, n) is a target's i.n. */
+#define RT_AT(array, i, n, field) (array)[RT_LANE(i, n)] field
+#define RT_4_LANES(array, i, a, b, c, d, field) \
+	RT_AT(array, i, a, field), RT_AT(array, i, b, field), RT_AT(array, i, c, field), RT_AT(array, i, d, field)
+#if RT_LANES == 4
+#define RT_EACH_LANE(array, i, field) RT_4_LANES(array, i, 0, 1, 2, 3, field)
+#define RT_LANE_NUMBERS 0u, 1u, 2u, 3u
+#elif RT_LANES == 8
+#define RT_EACH_LANE(array, i, field) RT_4_LANES(array, i, 0, 1, 2, 3, field), RT_4_LANES(array, i, 4, 5, 6, 7, field)
+#define RT_LANE_NUMBERS 0u, 1u, 2u, 3u, 4u, 5u, 6u, 7u
+#elif RT_LANES == 16
+#define RT_EACH_LANE(array, i, field)                                                 \
+	RT_4_LANES(array, i, 0, 1, 2, 3, field), RT_4_LANES(array, i, 4, 5, 6, 7, field), \
+	    RT_4_LANES(array, i, 8, 9, a, b, field), RT_4_LANES(array, i, c, d, e, f, field)
+#define RT_LANE_NUMBERS 0u, 1u, 2u, 3u, 4u, 5u, 6u, 7u, 8u, 9u, 10u, 11u, 12u, 13u, 14u, 15u
+#else
+#error "rt: RT_LANES must be 1, 4, 8 or 16"
+#endif
+
+#if defined(RT_TARGET_OPENCL)
 
 #define RT_JOIN_(a, b) a##b
 #define RT_JOIN(a, b) RT_JOIN_(a, b)
@@ -219,25 +240,7 @@ typedef RT_JOIN(int, RT_LANES) rt_mask;
 /* The number of the lowest bit that is set in x, x not 0. */
 #define rt_lowest_bit(x) ((rt_u32)popcount(((x) & (0u - (x))) - 1u))
 
-#if RT_LANES == 4
-#define RT_EACH_LANE(array, i, field) \
-	(array)[(i).s0] field, (array)[(i).s1] field, (array)[(i).s2] field, (array)[(i).s3] field
-#define RT_LANE_NUMBERS 0u, 1u, 2u, 3u
-#elif RT_LANES == 8
-#define RT_EACH_LANE(array, i, field)                                                                                  \
-	(array)[(i).s0] field, (array)[(i).s1] field, (array)[(i).s2] field, (array)[(i).s3] field, (array)[(i).s4] field, \
-	    (array)[(i).s5] field, (array)[(i).s6] field, (array)[(i).s7] field
-#define RT_LANE_NUMBERS 0u, 1u, 2u, 3u, 4u, 5u, 6u, 7u
-#elif RT_LANES == 16
-#define RT_EACH_LANE(array, i, field)                                                                                  \
-	(array)[(i).s0] field, (array)[(i).s1] field, (array)[(i).s2] field, (array)[(i).s3] field, (array)[(i).s4] field, \
-	    (array)[(i).s5] field, (array)[(i).s6] field, (array)[(i).s7] field, (array)[(i).s8] field,                    \
-	    (array)[(i).s9] field, (array)[(i).sa] field, (array)[(i).sb] field, (array)[(i).sc] field,                    \
-	    (array)[(i).sd] field, (array)[(i).se] field, (array)[(i).sf] field
-#define RT_LANE_NUMBERS 0u, 1u, 2u, 3u, 4u, 5u, 6u, 7u, 8u, 9u, 10u, 11u, 12u, 13u, 14u, 15u
-#else
-#error "rt: RT_LANES must be 1, 4, 8 or 16"
-#endif
+#define RT_LANE(i, n) (i).s##n
 #define rt_lane_ids() ((rt_uint)(RT_LANE_NUMBERS))
 
 /* Bit k tells of lane k: halves are laid over each other until one lane is left. */
@@ -256,8 +259,130 @@ RT_FN rt_u32 rt_mask_bits(rt_mask mask)
 #define RT_GATHER_F(array, index, field) ((rt_float)(RT_EACH_LANE(array, index, field)))
 #define RT_GATHER_U(array, index, field) ((rt_uint)(RT_EACH_LANE(array, index, field)))
 
+#elif defined(RT_TARGET_HOST)
+
+/* GCC's and clang's vector types: arithmetic, comparisons, shifts and ?: go lane by lane, on any number of lanes; the
+ * compiler cuts what is wider than a register. What it has no operator for is written for one register of the target,
+ * and done part by part. */
+typedef float rt_float __attribute__((vector_size(4 * RT_LANES)));
+typedef rt_i32 rt_int __attribute__((vector_size(4 * RT_LANES)));
+typedef rt_u32 rt_uint __attribute__((vector_size(4 * RT_LANES)));
+typedef rt_int rt_mask;
+
+#if defined(__FMA__)
+#include <immintrin.h>
+#endif
+#if defined(__AVX512F__) && RT_LANES == 16
+typedef __m512 rt_register;
+#define rt_register_fma(a, b, c) _mm512_fmadd_ps((a), (b), (c))
+#define rt_register_sqrt(x) _mm512_maskz_sqrt_ps(0xffffu, (x)) /* the plain one warns under g++ 12 */
+#define rt_register_bits(x) _mm512_test_epi32_mask(_mm512_castps_si512(x), _mm512_castps_si512(x))
+#elif defined(__FMA__) && RT_LANES >= 8
+typedef __m256 rt_register;
+#define rt_register_fma(a, b, c) _mm256_fmadd_ps((a), (b), (c))
+#define rt_register_sqrt(x) _mm256_sqrt_ps(x)
+#define rt_register_bits(x) _mm256_movemask_ps(x)
+#elif defined(__FMA__)
+typedef __m128 rt_register;
+#define rt_register_fma(a, b, c) _mm_fmadd_ps((a), (b), (c))
+#define rt_register_sqrt(x) _mm_sqrt_ps(x)
+#define rt_register_bits(x) _mm_movemask_ps(x)
 #else
-#error "rt: on this target RT_LANES must be 1"
+typedef float rt_register;
+#define rt_register_fma(a, b, c) __builtin_fmaf((a), (b), (c))
+#define rt_register_sqrt(x) __builtin_sqrtf(x)
+#define rt_register_bits(x) (__builtin_signbit(x) != 0)
+#endif
+
+#define RT_REGISTERS (sizeof(rt_float) / sizeof(rt_register))
+typedef struct rt_registers {
+	rt_register part[RT_REGISTERS];
+} rt_registers;
+RT_FN rt_registers rt_to_registers(rt_float x)
+{
+	rt_registers r;
+	std::memcpy(&r, &x, sizeof r);
+	return r;
+}
+RT_FN rt_float rt_from_registers(rt_registers r)
+{
+	rt_float x;
+	std::memcpy(&x, &r, sizeof x);
+	return x;
+}
+RT_FN rt_float rt_fma(rt_float a, rt_float b, rt_float c)
+{
+	rt_registers x = rt_to_registers(a), y = rt_to_registers(b), z = rt_to_registers(c);
+	for (unsigned i = 0; i < RT_REGISTERS; ++i)
+		z.part[i] = rt_register_fma(x.part[i], y.part[i], z.part[i]);
+	return rt_from_registers(z);
+}
+RT_FN rt_float rt_native_sqrt(rt_float x)
+{
+	rt_registers r = rt_to_registers(x);
+	for (unsigned i = 0; i < RT_REGISTERS; ++i)
+		r.part[i] = rt_register_sqrt(r.part[i]);
+	return rt_from_registers(r);
+}
+/* Bit k tells of lane k of a mask. */
+RT_FN rt_u32 rt_mask_bits(rt_mask mask)
+{
+	rt_registers r = rt_to_registers((rt_float)mask);
+	rt_u32 bits = 0u;
+	for (unsigned i = 0; i < RT_REGISTERS; ++i)
+		bits |= static_cast<rt_u32>(rt_register_bits(r.part[i])) << (i * (RT_LANES / RT_REGISTERS));
+	return bits;
+}
+#define rt_any(mask) (rt_mask_bits(mask) != 0u)
+/* The number of the lowest bit that is set in x, x not 0. */
+#define rt_lowest_bit(x) (static_cast<rt_u32>(__builtin_ctz(x)))
+
+/* x - 0 and not x + 0, which would lose the sign of -0. */
+RT_FN rt_float rt_splat(float x) { return x - rt_float{}; }
+RT_FN rt_int rt_splat_i(rt_i32 x) { return x - rt_int{}; }
+RT_FN rt_uint rt_splat_u(rt_u32 x) { return x - rt_uint{}; }
+#define RT_TRUE rt_splat_i(-1)
+#define RT_FALSE rt_splat_i(0)
+#define rt_sel(mask, yes, no) ((mask) ? (yes) : (no))
+#define rt_not(mask) (~(mask))
+#define rt_bits(x) ((rt_uint)(x))
+#define rt_from_bits(x) ((rt_float)(x))
+#define rt_to_float(x) __builtin_convertvector((x), rt_float)
+#define rt_to_int(x) __builtin_convertvector((x), rt_int)
+#define rt_to_uint(x) __builtin_convertvector((x), rt_uint)
+
+RT_FN void rt_store_u(rt_uint x, rt_u32* pointer) { std::memcpy(pointer, &x, sizeof x); }
+RT_FN void rt_store_f(rt_float x, float* pointer) { std::memcpy(pointer, &x, sizeof x); }
+RT_FN rt_uint rt_load_u(const rt_u32* pointer)
+{
+	rt_uint x;
+	std::memcpy(&x, pointer, sizeof x);
+	return x;
+}
+RT_FN rt_float rt_load_f(const float* pointer)
+{
+	rt_float x;
+	std::memcpy(&x, pointer, sizeof x);
+	return x;
+}
+/* The i-th RT_LANES floats from a row on */
+#define rt_load_rows(row, i) rt_load_f(&((const float*)(row))[RT_LANES * (i)])
+RT_FN rt_u32 rt_bits_one(float x)
+{
+	rt_u32 bits;
+	std::memcpy(&bits, &x, sizeof bits);
+	return bits;
+}
+
+#define RT_LANE(i, n) (i)[0x##n]
+RT_FN rt_uint rt_lane_ids() { return rt_uint{RT_LANE_NUMBERS}; }
+#define RT_GATHER_F(array, index, field) (rt_float{RT_EACH_LANE(array, index, field)})
+#define RT_GATHER_U(array, index, field) (rt_uint{RT_EACH_LANE(array, index, field)})
+
+#else
+#error "rt: with CUDA RT_LANES must be 1: a warp's lanes are its threads"
+#endif
+
 #endif
 
 /* ---- seeds for our own square root and reciprocal ------------------------------------------------
@@ -297,7 +422,9 @@ RT_FN float rt_seed_rcp(float x)
 #define rt_native_sqrt(x) sqrt(x)
 #define rt_native_rcp(x) (1.0f / (x))
 #else
+#if RT_LANES == 1
 #define rt_native_sqrt(x) __builtin_sqrtf(x)
+#endif
 #define rt_native_rcp(x) (1.0f / (x))
 #endif
 

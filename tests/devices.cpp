@@ -56,7 +56,7 @@ std::vector<TestDevice> open_devices()
 
 } // namespace
 
-bool TestDevice::has_lanes() const { return device->info().backend == "opencl" && device->info().native_lanes > 1; }
+bool TestDevice::has_lanes() const { return device->info().native_lanes > 1; }
 
 const std::vector<TestDevice>& test_devices()
 {

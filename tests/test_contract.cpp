@@ -132,6 +132,32 @@ TEST_CASE("rule 1: every device passes its self-test, by name of item", "[contra
 	}
 }
 
+TEST_CASE("rule 1: a device passes its self-test with any number of lanes and with either roots", "[contract]")
+{
+	bool shown = false;
+	for (const TestDevice& device : test_devices()) {
+		if (!device.has_lanes())
+			continue;
+		shown = true;
+		for (const std::uint32_t lanes : {1u, 4u, 8u, 16u})
+			for (const bool software_roots : {false, true}) {
+				DeviceInfo info = device.device->info();
+				info.native_lanes = lanes;
+				info.hardware_seeds = software_roots; // makes our own roots the ones that are used
+				INFO(device.name << ", " << lanes << " lanes, " << (software_roots ? "software" : "native")
+				                 << " roots");
+				const Result<DeviceHandle> opened = open_device(info);
+				REQUIRE(opened);
+				const Result<SelfTestReport> report = self_test(*opened, false);
+				REQUIRE(report);
+				CHECK(report->first_failure() == "");
+				CHECK(report->passed);
+			}
+	}
+	if (!shown)
+		WARN("skipped: no device here has vector lanes");
+}
+
 namespace {
 
 // A driver that lies: answers pass through, except that what is read back after one operation has a bit flipped.

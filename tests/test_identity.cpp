@@ -36,6 +36,14 @@ SessionOptions generic()
 	return options;
 }
 
+// The oracle: plain scalar C++.
+SessionOptions oracle()
+{
+	SessionOptions options = generic();
+	options.lanes = 1;
+	return options;
+}
+
 // Says where two films differ first: scene, device, pixel, both integers.
 void check_same(const Film& film, const Film& expected, const std::string& what)
 {
@@ -60,7 +68,7 @@ const Film& reference_film(const TestScene& scene)
 	for (const auto& [name, film] : films)
 		if (name == scene.name)
 			return film;
-	films.emplace_back(scene.name, render(pack_test_scene(scene), reference_device(), generic(), scene.samples));
+	films.emplace_back(scene.name, render(pack_test_scene(scene), reference_device(), oracle(), scene.samples));
 	return films.back().second;
 }
 
@@ -120,6 +128,10 @@ TEST_CASE("any number of lanes gives the same film", "[identity]")
 			const TestScene& scene = test_scenes().front();
 			check_same(render(pack_test_scene(scene), device, options, scene.samples), reference_film(scene),
 			           scene.name + ", specialised, " + std::to_string(lanes) + " lanes, " + device.name);
+			options.specialise = false;
+			options.software_roots = true;
+			check_same(render(pack_test_scene(scene), device, options, scene.samples), reference_film(scene),
+			           scene.name + ", software roots, " + std::to_string(lanes) + " lanes, " + device.name);
 		}
 	}
 	if (!shown)
@@ -218,7 +230,7 @@ TEST_CASE("odd sizes and single samples", "[identity]")
 		     {TestScene{"three-spheres", 1, 1, 17, 0}, TestScene{"three-spheres", 1, 19, 1, 0xffffffffu},
 		      TestScene{"three-spheres", 131, 1, 1, 12345}}) {
 			const PackedScene packed = pack_test_scene(scene);
-			const Film expected = render(packed, reference_device(), generic(), scene.samples);
+			const Film expected = render(packed, reference_device(), oracle(), scene.samples);
 			check_same(render(packed, device, {}, scene.samples), expected,
 			           std::to_string(scene.width) + "x" + std::to_string(scene.height) + ", " + device.name);
 		}

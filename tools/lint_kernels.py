@@ -41,7 +41,9 @@ COMPAT_CALLS = {
     "fma", "sqrt", "any", "select", "as_uint", "as_float", "convert_float", "convert_int", "convert_uint", "vstore",
     "get_global_id", "__fmaf_rn", "__fsqrt_rn", "__frcp_rn", "__any_sync", "__float_as_uint", "__uint_as_float",
     "__builtin_fmaf", "__builtin_sqrtf", "memcpy", "asm", "__asm", "static_cast", "vload", "popcount", "__attribute__",
-    "aligned", "__align__", "alignas",
+    "aligned", "__align__", "alignas", "vector_size", "__builtin_convertvector", "__builtin_ctz", "__builtin_signbit",
+    "_mm_fmadd_ps", "_mm_sqrt_ps", "_mm_movemask_ps", "_mm256_fmadd_ps", "_mm256_sqrt_ps", "_mm256_movemask_ps",
+    "_mm512_fmadd_ps", "_mm512_maskz_sqrt_ps", "_mm512_test_epi32_mask", "_mm512_castps_si512",
 }
 KEYWORD_CALLS = {"if", "for", "while", "switch", "return", "sizeof", "defined", "else", "do", "case"}
 BANNED_WORDS = {

@@ -1,26 +1,35 @@
 # The reference backend's compiled variants: one object library each, and a table of them.
 #
-# A specialised variant serves every scene that needs no more than its features; the smallest that fits is taken. The
-# masks are those of the shipped scenes (common/rt_features.h). On x86-64 each is built for x86-64-v3 (AVX2, FMA), and
-# the generic ones also for the baseline, where the C library's fma is exact and slow.
+# The generic variants of one lane are the oracle; those of several lanes (vectors) are the fast ones. A specialised
+# variant serves every scene that needs no more than its features; the smallest that fits is taken. The masks are those
+# of the shipped scenes (common/rt_features.h). On x86-64 a variant is built for an instruction set: 3, x86-64-v3 (AVX2,
+# FMA); 4, x86-64-v4 (AVX-512); 0, the baseline, where fma is the C library's, exact and slow.
 set(RT_REFERENCE_DECLARATIONS "")
 set(RT_REFERENCE_TABLE "")
 
-# After v3, CONTRACTED: the compiler may fuse, which tests use to show that it finds nothing to fuse (rule 3).
-function(rt_reference_variant name features native_roots v3)
+# After the instruction set: SOFTWARE_ROOTS, and CONTRACTED: the compiler may fuse, which tests use to show that it
+# finds nothing to fuse (rule 3).
+function(rt_reference_variant name lanes features instruction_set)
+  cmake_parse_arguments(PARSE_ARGV 4 variant "SOFTWARE_ROOTS;CONTRACTED" "" "")
+  set(native_roots 1)
+  if(variant_SOFTWARE_ROOTS)
+    set(native_roots 0)
+  endif()
   set(contracted 0)
-  if("CONTRACTED" IN_LIST ARGN)
+  if(variant_CONTRACTED)
     set(contracted 1)
   endif()
   set(target rt_reference_${name})
   add_library(${target} OBJECT reference/reference_kernels.cpp)
   target_include_directories(${target} PRIVATE "${PROJECT_SOURCE_DIR}")
-  target_compile_definitions(${target} PRIVATE RT_VARIANT=${name} RT_FEATURES=${features}
-                             RT_DEF_NATIVE_ROOTS=${native_roots} RT_VARIANT_V3=${v3} RT_DEF_CONTRACT=${contracted})
-  # -O3 whatever the preset: this is a backend.
-  target_compile_options(${target} PRIVATE -O3 -fno-math-errno)
-  if(v3)
-    target_compile_options(${target} PRIVATE -march=x86-64-v3)
+  target_compile_definitions(${target} PRIVATE RT_VARIANT=${name} RT_LANES=${lanes} RT_FEATURES=${features}
+                             RT_DEF_NATIVE_ROOTS=${native_roots} RT_DEF_CONTRACT=${contracted}
+                             RT_VARIANT_SET=${instruction_set})
+  # -O3 whatever the preset: this is a backend. Passing vectors wider than a register has no settled ABI, which does
+  # not matter within one object.
+  target_compile_options(${target} PRIVATE -O3 -fno-math-errno -Wno-psabi)
+  if(instruction_set)
+    target_compile_options(${target} PRIVATE -march=x86-64-v${instruction_set})
   endif()
   target_link_libraries(${target} PRIVATE rt_warnings rt_kernel_warnings)
   if(contracted)
@@ -33,22 +42,31 @@ function(rt_reference_variant name features native_roots v3)
   set(RT_REFERENCE_TABLE "${RT_REFERENCE_TABLE}\t&${name},\n" PARENT_SCOPE)
 endfunction()
 
+# The specialised variants have the number of lanes that is fastest on their instruction set, and by them the backend
+# knows it. Without fma instructions that is one.
 if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
-  set(RT_FAST 1)
-  rt_reference_variant(generic_baseline 0x1fffu 1 0)
+  set(RT_FAST 3)
+  set(RT_FAST_LANES 8)
+  rt_reference_variant(generic_baseline 1 0x1fffu 0)
+  rt_reference_variant(generic_16_v4 16 0x1fffu 4)
 else()
   set(RT_FAST 0)
+  set(RT_FAST_LANES 4)
 endif()
-rt_reference_variant(generic 0x1fffu 1 ${RT_FAST})
-rt_reference_variant(generic_software_roots 0x1fffu 0 ${RT_FAST})
-rt_reference_variant(generic_contracted 0x1fffu 1 ${RT_FAST} CONTRACTED)
-rt_reference_variant(matte 0x301u 1 ${RT_FAST})    # lambertian, sky, gradient
-rt_reference_variant(classic 0x70fu 1 ${RT_FAST})  # + metal, fuzz, dielectric, wide
-rt_reference_variant(lens 0x78fu 1 ${RT_FAST})     # + defocus
-rt_reference_variant(textured 0x76fu 1 ${RT_FAST}) # classic + checker, image
-rt_reference_variant(cloud 0x1b01u 1 ${RT_FAST})   # matte + permuted, bvh
-rt_reference_variant(crowd 0x1f8fu 1 ${RT_FAST})   # lens + permuted, bvh
-rt_reference_variant(lamps 0x41fu 1 ${RT_FAST})    # lambertian, metal, fuzz, dielectric, emission, wide
+foreach(lanes 1 4 8 16)
+  rt_reference_variant(generic_${lanes} ${lanes} 0x1fffu ${RT_FAST})
+  rt_reference_variant(generic_${lanes}_software_roots ${lanes} 0x1fffu ${RT_FAST} SOFTWARE_ROOTS)
+endforeach()
+foreach(lanes 1 ${RT_FAST_LANES})
+  rt_reference_variant(generic_${lanes}_contracted ${lanes} 0x1fffu ${RT_FAST} CONTRACTED)
+endforeach()
+rt_reference_variant(matte ${RT_FAST_LANES} 0x301u ${RT_FAST})    # lambertian, sky, gradient
+rt_reference_variant(classic ${RT_FAST_LANES} 0x70fu ${RT_FAST})  # + metal, fuzz, dielectric, wide
+rt_reference_variant(lens ${RT_FAST_LANES} 0x78fu ${RT_FAST})     # + defocus
+rt_reference_variant(textured ${RT_FAST_LANES} 0x76fu ${RT_FAST}) # classic + checker, image
+rt_reference_variant(cloud ${RT_FAST_LANES} 0x1b01u ${RT_FAST})   # matte + permuted, bvh
+rt_reference_variant(crowd ${RT_FAST_LANES} 0x1f8fu ${RT_FAST})   # lens + permuted, bvh
+rt_reference_variant(lamps ${RT_FAST_LANES} 0x41fu ${RT_FAST})    # lambertian, metal, fuzz, dielectric, emission, wide
 
 file(CONFIGURE OUTPUT "${CMAKE_CURRENT_BINARY_DIR}/reference_variants.cpp" CONTENT
 "// Made by ReferenceVariants.cmake; do not edit.

@@ -39,6 +39,7 @@ public:
 	{
 		report_ = std::move(report);
 	}
+	std::uint32_t lanes() const { return variant_.lanes; }
 	const ReferenceKernel* find(const std::string& entry) const
 	{
 		for (unsigned i = 0; i < variant_.kernel_count; ++i)
@@ -51,32 +52,65 @@ private:
 	const ReferenceVariant& variant_;
 };
 
-bool host_has_x86_64_v3()
+// The instruction set of ReferenceVariant that this processor has.
+unsigned host_instruction_set()
 {
 #if defined(__x86_64__)
-	return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi2");
+	if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("fma") || !__builtin_cpu_supports("bmi2"))
+		return 0;
+	for (const bool there : {__builtin_cpu_supports("avx512f") != 0, __builtin_cpu_supports("avx512bw") != 0,
+	                         __builtin_cpu_supports("avx512cd") != 0, __builtin_cpu_supports("avx512dq") != 0,
+	                         __builtin_cpu_supports("avx512vl") != 0})
+		if (!there)
+			return 3;
+	return 4;
 #else
-	return false;
+	return 0;
 #endif
 }
 
-// The variant with the fewest features that has all that are needed; x86-64-v3 before the baseline.
-const ReferenceVariant* choose_variant(std::uint32_t features, bool native_roots, bool contracted)
+// What a program asks of its variant.
+struct Wanted {
+	std::uint32_t lanes = 1;
+	std::uint32_t features = RT_FEATURE_ALL;
+	bool native_roots = true;
+	bool contracted = false;
+};
+
+// The variant with the fewest features that has all that are needed; the newest instruction set before the others.
+const ReferenceVariant* choose_variant(const Wanted& wanted)
 {
-	const bool v3 = host_has_x86_64_v3();
+	const unsigned instruction_set = host_instruction_set();
 	const ReferenceVariant* best = nullptr;
 	const auto rank = [](const ReferenceVariant& v) {
-		return std::make_pair(v.needs_x86_64_v3 ? 0 : 1, __builtin_popcount(v.features));
+		return std::make_pair(-static_cast<int>(v.instruction_set), __builtin_popcount(v.features));
 	};
 	for (unsigned i = 0; i < reference_variant_count; ++i) {
 		const ReferenceVariant& variant = *reference_variants[i];
-		if ((features & ~variant.features) != 0 || variant.native_roots != native_roots ||
-		    variant.contracted != contracted || (variant.needs_x86_64_v3 && !v3))
+		if (variant.lanes != wanted.lanes || (wanted.features & ~variant.features) != 0 ||
+		    variant.native_roots != wanted.native_roots || variant.contracted != wanted.contracted ||
+		    variant.instruction_set > instruction_set)
 			continue;
 		if (!best || rank(variant) < rank(*best))
 			best = &variant;
 	}
 	return best;
+}
+
+// The lanes of the most specialised variants that run here (ReferenceVariants.cmake).
+std::uint32_t fastest_lanes()
+{
+	const unsigned instruction_set = host_instruction_set();
+	const ReferenceVariant* best = nullptr;
+	const auto rank = [](const ReferenceVariant& v) {
+		return std::make_pair(__builtin_popcount(v.features), -static_cast<int>(v.instruction_set));
+	};
+	for (unsigned i = 0; i < reference_variant_count; ++i) {
+		const ReferenceVariant& variant = *reference_variants[i];
+		if (variant.instruction_set <= instruction_set && (!best || rank(variant) < rank(*best)))
+			best = &variant;
+	}
+	return best ? best->lanes : 1;
 }
 
 class HostDevice final : public Device {
@@ -85,29 +119,26 @@ public:
 
 	Result<ProgramHandle> build(const ProgramSpec& spec) override
 	{
-		const std::uint32_t lanes = integer_define(spec, "RT_LANES", 1);
-		if (lanes != 1)
-			return Error{ErrorKind::Build,
-			             fmt::format("the reference backend has no kernels of {} lanes", lanes),
-			             {},
-			             "use 1 lane",
-			             {}};
-		const std::uint32_t features = integer_define(spec, "RT_FEATURES", RT_FEATURE_ALL);
-		const bool native_roots = integer_define(spec, "RT_DEF_NATIVE_ROOTS", 1) != 0;
-		const bool contracted = integer_define(spec, "RT_DEF_CONTRACT", 0) != 0;
-		const ReferenceVariant* variant = choose_variant(features, native_roots, contracted);
+		Wanted wanted;
+		wanted.lanes = integer_define(spec, "RT_LANES", 1);
+		wanted.features = integer_define(spec, "RT_FEATURES", RT_FEATURE_ALL);
+		wanted.native_roots = integer_define(spec, "RT_DEF_NATIVE_ROOTS", 1) != 0;
+		wanted.contracted = integer_define(spec, "RT_DEF_CONTRACT", 0) != 0;
+		const ReferenceVariant* variant = choose_variant(wanted);
 		if (!variant)
-			return Error{
-			    ErrorKind::Build,
-			    fmt::format("no compiled variant of the kernels has features {:#x} with {} roots for this processor",
-			                features, native_roots ? "native" : "software"),
-			    {},
-			    {},
-			    {}};
+			return Error{ErrorKind::Build,
+			             fmt::format("no compiled variant of the kernels has {} lanes, features {:#x} and {} roots for "
+			                         "this processor",
+			                         wanted.lanes, wanted.features, wanted.native_roots ? "native" : "software"),
+			             {},
+			             wanted.lanes == info_.native_lanes ? "" : fmt::format("use {} lanes", info_.native_lanes),
+			             {}};
 		BuildReport report;
 		report.variant = variant->name;
-		report.options = variant->needs_x86_64_v3 ? "-O3 -march=x86-64-v3" : "-O3";
-		report.options += contracted ? " -ffp-contract=fast" : " -ffp-contract=off";
+		report.options = "-O3";
+		if (variant->instruction_set)
+			report.options += fmt::format(" -march=x86-64-v{}", variant->instruction_set);
+		report.options += wanted.contracted ? " -ffp-contract=fast" : " -ffp-contract=off";
 		auto program = std::make_shared<HostProgram>(*variant, std::move(report));
 		for (const std::string& entry : spec.entries)
 			if (!program->find(entry))
@@ -143,7 +174,8 @@ public:
 			}
 		}
 		// A tile of 32 pixels is a piece unless the caller wants other groups.
-		parallel_for(items, group_size ? group_size : 32, [&](std::uint64_t begin, std::uint64_t end) {
+		const std::uint32_t tile_items = 32 / host_program->lanes();
+		parallel_for(items, group_size ? group_size : tile_items, [&](std::uint64_t begin, std::uint64_t end) {
 			kernel->run(places.data(), static_cast<std::uint32_t>(begin), static_cast<std::uint32_t>(end));
 		});
 		return success();
@@ -221,9 +253,12 @@ public:
 		info.max_alloc_bytes = info.memory_bytes;
 		info.compute_units = thread_count();
 		info.reports_correct_rounding = info.reports_subnormals = info.reports_fp64 = true;
-		if (!host_has_x86_64_v3() && choose_variant(RT_FEATURE_ALL, true, false) != nullptr)
+		info.native_lanes = fastest_lanes();
+#if defined(__x86_64__)
+		if (host_instruction_set() == 0)
 			info.quirks.push_back(
 			    {"software-fma", "this build or processor has no fma instruction: exact, and slower"});
+#endif
 		Enumeration found;
 		found.devices.push_back(std::move(info));
 		return found;

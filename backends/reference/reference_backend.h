@@ -1,4 +1,5 @@
-// reference_backend.h: the kernels as C++ on the host's cores: the oracle for the others and the last resort.
+// reference_backend.h: the kernels as C++ on the host's cores: with one lane the oracle for the others, with several
+// the device of a machine that has no other.
 #pragma once
 
 #include "backends/backend.h"

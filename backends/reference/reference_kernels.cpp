@@ -1,5 +1,5 @@
-// Compiled once for each variant, with RT_FEATURES, RT_DEF_NATIVE_ROOTS, RT_DEF_CONTRACT, RT_VARIANT (an identifier)
-// and RT_VARIANT_V3.
+// Compiled once for each variant, with RT_LANES, RT_FEATURES, RT_DEF_NATIVE_ROOTS, RT_DEF_CONTRACT, RT_VARIANT (an
+// identifier) and RT_VARIANT_SET (its instruction set).
 #include "backends/reference/reference_kernels.h"
 
 namespace {
@@ -68,7 +68,7 @@ constexpr ReferenceKernel kernels[] = {
 
 extern const ReferenceVariant RT_VARIANT;
 const ReferenceVariant RT_VARIANT = {
-    RT_QUOTE(RT_VARIANT), RT_FEATURES, RT_DEF_NATIVE_ROOTS != 0,          RT_DEF_CONTRACT != 0,
-    RT_VARIANT_V3 != 0,   kernels,     sizeof kernels / sizeof kernels[0]};
+    RT_QUOTE(RT_VARIANT), RT_LANES,       RT_FEATURES, RT_DEF_NATIVE_ROOTS != 0,
+    RT_DEF_CONTRACT != 0, RT_VARIANT_SET, kernels,     sizeof kernels / sizeof kernels[0]};
 
 } // namespace rt

@@ -1,7 +1,7 @@
 // reference_kernels.h: the kernels compiled as C++, one table for each variant of them.
 //
 // A host compiler cannot specialise at run time, so ReferenceVariants.cmake compiles reference_kernels.cpp once for
-// each feature mask, kind of roots and instruction set that is worth having.
+// each number of lanes, feature mask, kind of roots and instruction set that is worth having.
 #pragma once
 
 #include <cstdint>
@@ -17,10 +17,11 @@ struct ReferenceKernel {
 
 struct ReferenceVariant {
 	const char* name;
+	std::uint32_t lanes;    // RT_LANES
 	std::uint32_t features; // compiled in
 	bool native_roots;
-	bool contracted;      // the compiler may fuse products and sums, and finds none: for the tests of rule 3
-	bool needs_x86_64_v3; // compiled for AVX2 and FMA
+	bool contracted;          // the compiler may fuse products and sums, and finds none: for the tests of rule 3
+	unsigned instruction_set; // it needs x86-64-v3 (AVX2, FMA) or x86-64-v4 (AVX-512): 3 or 4; 0: what rt is built for
 	const ReferenceKernel* kernels;
 	unsigned kernel_count;
 };

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "backends/backend.h"
+#include "backends/precision.h"
 
 #include <string>
 #include <vector>
@@ -16,8 +17,9 @@ const std::vector<Backend*>& backends();
 Enumeration enumerate_all();
 
 struct DeviceRequest {
-	std::string backend = "auto"; // auto, cuda, opencl, reference
-	std::string device;           // empty, or a comma list of: index, part of a name, pci:..., uuid:...
+	std::string backend = "auto";           // auto, cuda, opencl, reference
+	Precision precision = Precision::Exact; // a device that cannot is passed over, or refused if it is named
+	std::string device;                     // empty, or a comma list of: index, part of a name, pci:..., uuid:...
 };
 
 // The devices that a request means. Without `device`, the best usable one of the backend asked for: CUDA GPU,

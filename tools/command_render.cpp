@@ -121,6 +121,7 @@ private:
 		origin_.frame = frame;
 		origin_.settings = options_.settings_over(scene.render);
 		origin_.display = options_.display;
+		origin_.precision = options_.precision;
 		RT_TRY_ASSIGN(origin_.window, window_in(options_, origin_.settings));
 		RT_TRY_ASSIGN(packed_, pack_scene(scene, origin_.settings, origin_.window));
 		times_.end();
@@ -212,6 +213,7 @@ private:
 		passes.samples = origin_.settings.samples;
 		passes.resumable = is_resumable();
 		passes.checkpoint_seconds = options_.checkpoint_seconds;
+		passes.session.precision = options_.precision;
 		passes.session.specialise = options_.specialise;
 		passes.session.software_roots = software_roots_;
 		passes.session.bvh = options_.bvh;
@@ -321,7 +323,7 @@ private:
 			size = fmt::format("{}x{} of {}", origin_.window.width, origin_.window.height, size);
 		std::string text =
 		    fmt::format("{}: {}, {} {} a pixel, {}\n", output_.path == "-" ? "standard output" : output_.path, size,
-		                samples_text(kept), kept.max_samples() == 1 ? "sample" : "samples", precision_name);
+		                samples_text(kept), kept.max_samples() == 1 ? "sample" : "samples", precision_text());
 		std::vector<std::string> names;
 		for (const DeviceHandle& device : origin_.devices)
 			names.push_back(describe(device->info()));
@@ -332,6 +334,13 @@ private:
 		                    format_quantity(static_cast<double>(result.segments) / seconds),
 		                    origin_.self_test == "passed" ? "" : ", NOT VERIFIED");
 		return text + film;
+	}
+
+	// What the image may be compared with.
+	std::string precision_text() const
+	{
+		const std::string name = precision_name(options_.precision);
+		return options_.precision == Precision::Fast ? name + ": other devices and versions make other bits" : name;
 	}
 
 	// One frame: everything in one object. Several: the frames in a list, written anew after each.

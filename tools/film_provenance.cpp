@@ -100,7 +100,7 @@ Provenance provenance_of(const FilmOrigin& origin, const Film& film, const std::
 	    {"Samples", samples_text(film)},
 	    {"Seed", std::to_string(origin.settings.seed)},
 	    {"MaxDepth", std::to_string(origin.settings.max_depth)},
-	    {"Precision", precision_name},
+	    {"Precision", precision_name(origin.precision)},
 	    {"KernelHash", kernel_hash()},
 	    {"Backend", of_devices("Backend", [](const DeviceInfo& info) { return info.backend; })},
 	    {"Device", of_devices("Device", [](const DeviceInfo& info) { return info.name; })},

@@ -6,24 +6,35 @@
 set(RT_REFERENCE_DECLARATIONS "")
 set(RT_REFERENCE_TABLE "")
 
-# After v3, CONTRACTED: the compiler may fuse, which tests use to show that it finds nothing to fuse (rule 3).
+# After v3, CONTRACTED: the compiler may fuse, which tests use to show that it finds nothing to fuse (rule 3); or one of
+# FAST and DOUBLE, the rungs beside the exact one (common/rt_compat.h).
 function(rt_reference_variant name features native_roots v3)
   set(contracted 0)
   if("CONTRACTED" IN_LIST ARGN)
     set(contracted 1)
   endif()
+  set(precision 0)
+  if("FAST" IN_LIST ARGN)
+    set(precision 1)
+  elseif("DOUBLE" IN_LIST ARGN)
+    set(precision 2)
+  endif()
   set(target rt_reference_${name})
   add_library(${target} OBJECT reference/reference_kernels.cpp)
   target_include_directories(${target} PRIVATE "${PROJECT_SOURCE_DIR}")
   target_compile_definitions(${target} PRIVATE RT_VARIANT=${name} RT_FEATURES=${features}
-                             RT_DEF_NATIVE_ROOTS=${native_roots} RT_VARIANT_V3=${v3} RT_DEF_CONTRACT=${contracted})
+                             RT_DEF_NATIVE_ROOTS=${native_roots} RT_VARIANT_V3=${v3} RT_DEF_CONTRACT=${contracted}
+                             RT_PRECISION=${precision})
   # -O3 whatever the preset: this is a backend.
   target_compile_options(${target} PRIVATE -O3 -fno-math-errno)
   if(v3)
     target_compile_options(${target} PRIVATE -march=x86-64-v3)
   endif()
   target_link_libraries(${target} PRIVATE rt_warnings rt_kernel_warnings)
-  if(contracted)
+  if(precision EQUAL 2)
+    target_link_libraries(${target} PRIVATE rt_double_warnings)
+  endif()
+  if(contracted OR precision EQUAL 1)
     target_compile_options(${target} PRIVATE -ffp-contract=fast)
   else()
     target_link_libraries(${target} PRIVATE rt_strict_fp)
@@ -36,12 +47,16 @@ endfunction()
 if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
   set(RT_FAST 1)
   rt_reference_variant(generic_baseline 0x1fffu 1 0)
+  rt_reference_variant(fast_baseline 0x1fffu 1 0 FAST)
+  rt_reference_variant(double_baseline 0x1fffu 1 0 DOUBLE)
 else()
   set(RT_FAST 0)
 endif()
 rt_reference_variant(generic 0x1fffu 1 ${RT_FAST})
 rt_reference_variant(generic_software_roots 0x1fffu 0 ${RT_FAST})
 rt_reference_variant(generic_contracted 0x1fffu 1 ${RT_FAST} CONTRACTED)
+rt_reference_variant(fast_generic 0x1fffu 1 ${RT_FAST} FAST)
+rt_reference_variant(double_generic 0x1fffu 1 ${RT_FAST} DOUBLE)
 rt_reference_variant(matte 0x301u 1 ${RT_FAST})    # lambertian, sky, gradient
 rt_reference_variant(classic 0x70fu 1 ${RT_FAST})  # + metal, fuzz, dielectric, wide
 rt_reference_variant(lens 0x78fu 1 ${RT_FAST})     # + defocus

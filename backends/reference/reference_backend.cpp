@@ -1,7 +1,9 @@
 #include "backends/reference/reference_backend.h"
 
+#include "backends/precision.h"
 #include "backends/reference/reference_kernels.h"
 #include "common/rt_features.h"
+#include "support/float_environment.h"
 #include "support/thread_pool.h"
 
 #include <algorithm>
@@ -9,6 +11,7 @@
 #include <fmt/format.h>
 #include <fstream>
 #include <new>
+#include <optional>
 #include <unistd.h>
 
 namespace rt {
@@ -35,7 +38,8 @@ private:
 
 class HostProgram final : public Program {
 public:
-	HostProgram(const ReferenceVariant& variant, BuildReport report) : variant_(variant)
+	HostProgram(const ReferenceVariant& variant, bool flushes, BuildReport report)
+	    : variant_(variant), flushes_(flushes)
 	{
 		report_ = std::move(report);
 	}
@@ -47,8 +51,11 @@ public:
 		return nullptr;
 	}
 
+	bool flushes() const { return flushes_; }
+
 private:
 	const ReferenceVariant& variant_;
+	bool flushes_;
 };
 
 bool host_has_x86_64_v3()
@@ -61,7 +68,8 @@ bool host_has_x86_64_v3()
 }
 
 // The variant with the fewest features that has all that are needed; x86-64-v3 before the baseline.
-const ReferenceVariant* choose_variant(std::uint32_t features, bool native_roots, bool contracted)
+const ReferenceVariant* choose_variant(std::uint32_t features, bool native_roots, bool contracted,
+                                       std::uint32_t precision)
 {
 	const bool v3 = host_has_x86_64_v3();
 	const ReferenceVariant* best = nullptr;
@@ -71,7 +79,7 @@ const ReferenceVariant* choose_variant(std::uint32_t features, bool native_roots
 	for (unsigned i = 0; i < reference_variant_count; ++i) {
 		const ReferenceVariant& variant = *reference_variants[i];
 		if ((features & ~variant.features) != 0 || variant.native_roots != native_roots ||
-		    variant.contracted != contracted || (variant.needs_x86_64_v3 && !v3))
+		    variant.contracted != contracted || variant.precision != precision || (variant.needs_x86_64_v3 && !v3))
 			continue;
 		if (!best || rank(variant) < rank(*best))
 			best = &variant;
@@ -93,22 +101,32 @@ public:
 			             "use 1 lane",
 			             {}};
 		const std::uint32_t features = integer_define(spec, "RT_FEATURES", RT_FEATURE_ALL);
-		const bool native_roots = integer_define(spec, "RT_DEF_NATIVE_ROOTS", 1) != 0;
+		const std::uint32_t precision = integer_define(spec, "RT_PRECISION", RT_PRECISION_EXACT);
+		if (integer_define(spec, "RT_DEF_FAST", RT_FAST_ALL) != RT_FAST_ALL)
+			return Error{ErrorKind::Build,
+			             "the reference backend has the fast rung only as a whole",
+			             {},
+			             "measure its parts on another backend",
+			             {}};
+		const bool native_roots =
+		    precision != RT_PRECISION_EXACT || integer_define(spec, "RT_DEF_NATIVE_ROOTS", 1) != 0;
 		const bool contracted = integer_define(spec, "RT_DEF_CONTRACT", 0) != 0;
-		const ReferenceVariant* variant = choose_variant(features, native_roots, contracted);
+		const ReferenceVariant* variant = choose_variant(features, native_roots, contracted, precision);
 		if (!variant)
 			return Error{
 			    ErrorKind::Build,
-			    fmt::format("no compiled variant of the kernels has features {:#x} with {} roots for this processor",
-			                features, native_roots ? "native" : "software"),
+			    fmt::format(
+			        "no compiled variant of the kernels has features {:#x} with {} roots in precision {} for this "
+			        "processor",
+			        features, native_roots ? "native" : "software", precision_name(static_cast<Precision>(precision))),
 			    {},
 			    {},
 			    {}};
 		BuildReport report;
 		report.variant = variant->name;
 		report.options = variant->needs_x86_64_v3 ? "-O3 -march=x86-64-v3" : "-O3";
-		report.options += contracted ? " -ffp-contract=fast" : " -ffp-contract=off";
-		auto program = std::make_shared<HostProgram>(*variant, std::move(report));
+		report.options += lets_compiler_fuse(spec) ? " -ffp-contract=fast" : " -ffp-contract=off";
+		auto program = std::make_shared<HostProgram>(*variant, flushes_subnormals(spec), std::move(report));
 		for (const std::string& entry : spec.entries)
 			if (!program->find(entry))
 				return Error{ErrorKind::Build, "there is no kernel of the name " + entry, spec.root, {}, {}};
@@ -144,6 +162,9 @@ public:
 		}
 		// A tile of 32 pixels is a piece unless the caller wants other groups.
 		parallel_for(items, group_size ? group_size : 32, [&](std::uint64_t begin, std::uint64_t end) {
+			std::optional<FlushingFloatEnvironment> flushing;
+			if (host_program->flushes())
+				flushing.emplace();
 			kernel->run(places.data(), static_cast<std::uint32_t>(begin), static_cast<std::uint32_t>(end));
 		});
 		return success();
@@ -221,7 +242,7 @@ public:
 		info.max_alloc_bytes = info.memory_bytes;
 		info.compute_units = thread_count();
 		info.reports_correct_rounding = info.reports_subnormals = info.reports_fp64 = true;
-		if (!host_has_x86_64_v3() && choose_variant(RT_FEATURE_ALL, true, false) != nullptr)
+		if (!host_has_x86_64_v3() && choose_variant(RT_FEATURE_ALL, true, false, RT_PRECISION_EXACT) != nullptr)
 			info.quirks.push_back(
 			    {"software-fma", "this build or processor has no fma instruction: exact, and slower"});
 		Enumeration found;

@@ -21,6 +21,7 @@ struct ReferenceVariant {
 	bool native_roots;
 	bool contracted;      // the compiler may fuse products and sums, and finds none: for the tests of rule 3
 	bool needs_x86_64_v3; // compiled for AVX2 and FMA
+	unsigned precision;   // RT_PRECISION
 	const ReferenceKernel* kernels;
 	unsigned kernel_count;
 };

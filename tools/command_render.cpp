@@ -114,6 +114,10 @@ private:
 	{
 		RT_TRY_ASSIGN(output_, output_file(options_, scene_file_.base.name, frame));
 		RT_TRY(check_writable(output_.path));
+		if (options_.precision == Precision::Fast && output_.format == ImageFormat::Pfm &&
+		    frame == options_.first_frame)
+			report_warning("a .pfm file has no room for the mark that its image is of precision fast",
+			               "write .png, .exr or .rtfilm, which carry it");
 		times_.begin("pack_scene");
 		RT_TRY_ASSIGN(const Scene scene, scene_file_.at_frame(frame));
 		origin_.scene = options_.scene;
@@ -157,7 +161,7 @@ private:
 	{
 		const DeviceInfo& info = device->info();
 		display_.status("testing " + describe(info));
-		const Result<SelfTestReport> report = self_test(device, !options_.self_test_afresh);
+		const Result<SelfTestReport> report = self_test(device, !options_.self_test_afresh, options_.precision);
 		if (!report) {
 			if (!options_.force_unverified)
 				return report.error();

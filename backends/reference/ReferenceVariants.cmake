@@ -56,6 +56,13 @@ rt_reference_variant(generic 0x1fffu 1 ${RT_FAST})
 rt_reference_variant(generic_software_roots 0x1fffu 0 ${RT_FAST})
 rt_reference_variant(generic_contracted 0x1fffu 1 ${RT_FAST} CONTRACTED)
 rt_reference_variant(fast_generic 0x1fffu 1 ${RT_FAST} FAST)
+rt_reference_variant(fast_matte 0x301u 1 ${RT_FAST} FAST)
+rt_reference_variant(fast_classic 0x70fu 1 ${RT_FAST} FAST)
+rt_reference_variant(fast_lens 0x78fu 1 ${RT_FAST} FAST)
+rt_reference_variant(fast_textured 0x76fu 1 ${RT_FAST} FAST)
+rt_reference_variant(fast_cloud 0x1b01u 1 ${RT_FAST} FAST)
+rt_reference_variant(fast_crowd 0x1f8fu 1 ${RT_FAST} FAST)
+rt_reference_variant(fast_lamps 0x41fu 1 ${RT_FAST} FAST)
 rt_reference_variant(double_generic 0x1fffu 1 ${RT_FAST} DOUBLE)
 rt_reference_variant(matte 0x301u 1 ${RT_FAST})    # lambertian, sky, gradient
 rt_reference_variant(classic 0x70fu 1 ${RT_FAST})  # + metal, fuzz, dielectric, wide

@@ -17,9 +17,10 @@ const std::vector<Backend*>& backends();
 Enumeration enumerate_all();
 
 struct DeviceRequest {
-	std::string backend = "auto";           // auto, cuda, opencl, reference
-	Precision precision = Precision::Exact; // a device that cannot is passed over, or refused if it is named
-	std::string device;                     // empty, or a comma list of: index, part of a name, pci:..., uuid:...
+	std::string backend = "auto"; // auto, cuda, opencl, reference
+	std::string device;           // empty, or a comma list of: index, part of a name, pci:..., uuid:...
+	// A device that cannot compute in it is passed over, or refused if it is named.
+	Precision precision = Precision::Exact;
 };
 
 // The devices that a request means. Without `device`, the best usable one of the backend asked for: CUDA GPU,

@@ -11,7 +11,7 @@
 namespace rt {
 
 const char* const stress_tile_hash = "b3c20040270f4582c59175032f3dc2c4";
-const char* const stress_tile_double_hash = "0";
+const char* const stress_tile_double_hash = "2389063834012db2711f978f4327de03";
 
 namespace {
 

@@ -131,6 +131,10 @@ TEST_CASE("double rung: every device with fp64 makes the same film, specialised 
 				CHECK(film.segments == expected.segments);
 			}
 		}
+		// A tree leaves out work, never a hit.
+		SessionOptions listed = of(Precision::Double);
+		listed.bvh = Acceleration::Never;
+		CHECK(render(packed, reference_device(), listed, scene.samples).hash().hex() == expected.hash().hex());
 		// The control: an exact film is another one, except where nothing rounds.
 		const bool rounds = scene.name != "closed" && scene.name != "furnace";
 		CHECK((reference_film(packed, Precision::Exact, scene.samples).hash() == expected.hash()) != rounds);

@@ -112,11 +112,19 @@ public:
 			}
 			return 3;
 		};
-		const Indices usable = usable_of(allowed());
+		Indices usable = usable_of(allowed());
+		const bool any = !usable.empty();
+		usable.erase(
+		    std::remove_if(usable.begin(), usable.end(),
+		                   [this](std::size_t i) { return !check_precision(found_.devices[i], request_.precision); }),
+		    usable.end());
 		const auto best = std::min_element(usable.begin(), usable.end(),
 		                                   [&](std::size_t a, std::size_t b) { return rank(a) < rank(b); });
 		if (best != usable.end())
 			return *best;
+		if (any)
+			return failure(fmt::format("no usable device{} computes in precision {}", of_backend(),
+			                           precision_name(request_.precision)));
 		return failure(any_backend == request_.backend
 		                   ? std::string("no backend has a usable device")
 		                   : fmt::format("the {} backend has no usable device", request_.backend));
@@ -208,8 +216,10 @@ private:
 	Result<std::size_t> checked(std::size_t index) const
 	{
 		const DeviceInfo& device = found_.devices[index];
-		if (device.usable)
+		if (device.usable) {
+			RT_TRY(check_precision(device, request_.precision));
 			return index;
+		}
 		return Error{ErrorKind::NoDevice,
 		             fmt::format("{} cannot be used: {}", device.name, device.why_not),
 		             fmt::format("device {} ({})", index, device.backend),

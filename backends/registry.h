@@ -2,6 +2,7 @@
 #pragma once
 
 #include "backends/backend.h"
+#include "backends/precision.h"
 
 #include <string>
 #include <vector>
@@ -18,6 +19,8 @@ Enumeration enumerate_all();
 struct DeviceRequest {
 	std::string backend = "auto"; // auto, cuda, opencl, reference
 	std::string device;           // empty, or a comma list of: index, part of a name, pci:..., uuid:...
+	// A device that cannot compute in it is passed over, or refused if it is named.
+	Precision precision = Precision::Exact;
 };
 
 // The devices that a request means. Without `device`, the best usable one of the backend asked for: CUDA GPU,

@@ -292,14 +292,46 @@ Result<SelfTestItem> ask_layout(Device& device, const ProgramHandle& program)
 	return item;
 }
 
-Result<SelfTestItem> ask_stress_tile(Device& device, const ProgramHandle& program, bool through_tree)
+Result<SelfTestItem> ask_stress_tile(Device& device, const ProgramHandle& program, Precision precision,
+                                     bool through_tree)
 {
-	RT_TRY_ASSIGN(const Hash128 hash, render_stress_tile(device, program, through_tree));
-	SelfTestItem item{
-	    through_tree ? "stress tile through a tree" : "stress tile", hash.hex() == stress_tile_hash, true, {}};
+	const std::uint32_t lanes = lanes_for(device.info(), precision);
+	RT_TRY_ASSIGN(const Hash128 hash, render_stress_tile(device, program, lanes, through_tree));
+	const char* const wanted = precision == Precision::Double ? stress_tile_double_hash : stress_tile_hash;
+	SelfTestItem item{through_tree ? "stress tile through a tree" : "stress tile", hash.hex() == wanted, true, {}};
 	if (!item.passed)
-		item.detail = fmt::format("hash {}, the contract says {}", hash.hex(), stress_tile_hash);
+		item.detail = fmt::format("hash {}, the contract says {}", hash.hex(), wanted);
 	return item;
+}
+
+Result<SelfTestReport> run_double(const DeviceHandle& device)
+{
+	RT_TRY(check_precision(device->info(), Precision::Double));
+	ProgramSpec spec;
+	spec.root = "kernels/render.cl";
+	spec.entries = {"rt_render"};
+	spec.defines = {{"RT_LANES", "1"}};
+	set_precision(spec, Precision::Double);
+	Result<ProgramHandle> program = device->build(spec);
+	if (!program) {
+		// The compiler is there and works, so it is fp64 that it lacks.
+		Error error = program.error();
+		if (error.kind == ErrorKind::Build && !error.log.empty()) {
+			error.kind = ErrorKind::NoDevice;
+			error.message = "the device says that it has double precision, and its compiler refuses it";
+			error.where = device->info().name;
+			error.cure = "choose another device (`rt devices` lists them); --backend reference always has it";
+		}
+		return error;
+	}
+	SelfTestReport report;
+	report.passed = true;
+	for (const bool through_tree : {false, true}) {
+		RT_TRY_ASSIGN(SelfTestItem tile, ask_stress_tile(*device, *program, Precision::Double, through_tree));
+		report.passed = report.passed && tile.passed;
+		report.items.push_back(std::move(tile));
+	}
+	return report;
 }
 
 Result<SelfTestReport> run(const DeviceHandle& device, bool software_roots)
@@ -320,7 +352,7 @@ Result<SelfTestReport> run(const DeviceHandle& device, bool software_roots)
 		report.items.push_back(std::move(item));
 	}
 	for (const bool through_tree : {false, true}) {
-		RT_TRY_ASSIGN(SelfTestItem tile, ask_stress_tile(*device, program, through_tree));
+		RT_TRY_ASSIGN(SelfTestItem tile, ask_stress_tile(*device, program, Precision::Exact, through_tree));
 		report.items.push_back(std::move(tile));
 	}
 	report.passed = true;
@@ -342,7 +374,7 @@ bool roots_at_fault(const SelfTestReport& report)
 
 // ---- remembering ----
 
-CacheKey cache_key(const DeviceInfo& info)
+CacheKey cache_key(const DeviceInfo& info, Precision precision)
 {
 	return {info.backend,
 	        info.platform,
@@ -350,16 +382,17 @@ CacheKey cache_key(const DeviceInfo& info)
 	        info.driver,
 	        info.compiler,
 	        fmt::format("lanes {} seeds {} {}", info.native_lanes, info.hardware_seeds, cache_environment()),
-	        fmt::format("self-test, contract {}, kernels {}, rt {} {}", RT_CONTRACT_VERSION, kernel_hash(), RT_VERSION,
-	                    RT_REVISION)};
+	        fmt::format("self-test{}, contract {}, kernels {}, rt {} {}",
+	                    precision == Precision::Double ? " in double" : "", RT_CONTRACT_VERSION, kernel_hash(),
+	                    RT_VERSION, RT_REVISION)};
 }
 
 // Only a pass is remembered, as one byte: whether software roots are needed. A failure is tested again, and explained
 // again, every time.
-void remember(const DeviceInfo& info, const SelfTestReport& report)
+void remember(const DeviceInfo& info, Precision precision, const SelfTestReport& report)
 {
 	if (report.passed)
-		cache_store(cache_key(info), {static_cast<std::uint8_t>(report.needs_software_roots ? 1 : 0)});
+		cache_store(cache_key(info, precision), {static_cast<std::uint8_t>(report.needs_software_roots ? 1 : 0)});
 }
 
 } // namespace
@@ -372,27 +405,28 @@ std::string SelfTestReport::first_failure() const
 	return {};
 }
 
-Result<SelfTestReport> self_test(const DeviceHandle& device, bool use_cache)
+Result<SelfTestReport> self_test(const DeviceHandle& device, bool use_cache, Precision precision)
 {
 	const ContractFloatEnvironment environment;
 	const auto start = std::chrono::steady_clock::now();
 	if (use_cache) {
-		if (const auto known = cache_load(cache_key(device->info())); known && known->size() == 1) {
+		if (const auto known = cache_load(cache_key(device->info(), precision)); known && known->size() == 1) {
 			SelfTestReport report;
 			report.needs_software_roots = (*known)[0] != 0;
 			report.passed = report.from_cache = true;
 			return report;
 		}
 	}
-	RT_TRY_ASSIGN(SelfTestReport report, run(device, false));
-	if (!report.passed && roots_at_fault(report)) {
+	const bool in_double = precision == Precision::Double;
+	RT_TRY_ASSIGN(SelfTestReport report, in_double ? run_double(device) : run(device, false));
+	if (!in_double && !report.passed && roots_at_fault(report)) {
 		RT_TRY_ASSIGN(SelfTestReport again, run(device, true));
 		// If that does not help, the first report names the culprit.
 		if (again.passed)
 			report = std::move(again);
 	}
 	report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-	remember(device->info(), report);
+	remember(device->info(), precision, report);
 	return report;
 }
 

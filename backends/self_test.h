@@ -3,6 +3,7 @@
 #pragma once
 
 #include "backends/backend.h"
+#include "backends/precision.h"
 #include "support/result.h"
 
 #include <string>
@@ -29,6 +30,10 @@ struct SelfTestReport {
 // Runs the arithmetic probe and the stress tile. If only the device's own square root or reciprocal is at fault, the
 // test is repeated with the software ones. An Error means that the test could not be run (build failure, driver error);
 // a device that runs it and fails is a report with passed == false.
-Result<SelfTestReport> self_test(const DeviceHandle& device, bool use_cache = true);
+//
+// The fast rung promises nothing beyond the exact one, so its test is the exact rung's. That of the double rung is the
+// stress tile in double; NoDevice error if the device has no fp64, or says that it has and cannot compile for it.
+Result<SelfTestReport> self_test(const DeviceHandle& device, bool use_cache = true,
+                                 Precision precision = Precision::Exact);
 
 } // namespace rt

@@ -11,6 +11,7 @@
 namespace rt {
 
 const char* const stress_tile_hash = "b3c20040270f4582c59175032f3dc2c4";
+const char* const stress_tile_double_hash = "2389063834012db2711f978f4327de03";
 
 namespace {
 
@@ -200,12 +201,12 @@ Result<BufferHandle> upload(Device& device, const std::vector<T>& list)
 
 } // namespace
 
-Result<Hash128> render_stress_tile(Device& device, const ProgramHandle& program, bool through_tree)
+Result<Hash128> render_stress_tile(Device& device, const ProgramHandle& program, std::uint32_t lanes, bool through_tree)
 {
 	StressScene stress;
 	std::vector<rt_row4> tree(1);
 	if (through_tree)
-		tree = stress.plant_tree(device.info().native_lanes);
+		tree = stress.plant_tree(lanes);
 	std::vector<rt_film_pixel> pixels(size * size, rt_film_pixel{});
 	RT_TRY_ASSIGN(const BufferHandle spheres, upload(device, stress.spheres));
 	RT_TRY_ASSIGN(const BufferHandle wide, upload(device, stress.wide));
@@ -216,7 +217,7 @@ Result<Hash128> render_stress_tile(Device& device, const ProgramHandle& program,
 	RT_TRY_ASSIGN(const BufferHandle textures, upload(device, stress.textures));
 	RT_TRY_ASSIGN(const BufferHandle texels, upload(device, stress.texels));
 	RT_TRY_ASSIGN(const BufferHandle film, upload(device, pixels));
-	const std::uint32_t items = size * size / device.info().native_lanes;
+	const std::uint32_t items = size * size / lanes;
 	RT_TRY(device.launch(program, "rt_render", items,
 	                     {by_value(stress.scene), by_value(rt_few_spheres{}), spheres, wide, ids, sphere_materials, bvh,
 	                      materials, textures, texels, film, 0u, size, 0u, samples, 1u, size * size}));

@@ -10,8 +10,12 @@ namespace rt {
 // Hash of the tile's sums on every device that keeps the contract of RT_CONTRACT_VERSION.
 extern const char* const stress_tile_hash;
 
-// Renders the tile with a program that has the entry rt_render and all features; its spheres are tried one after the
-// other or found through a small tree, which must give the same hash.
-Result<Hash128> render_stress_tile(Device& device, const ProgramHandle& program, bool through_tree);
+// The same in the double rung.
+extern const char* const stress_tile_double_hash;
+
+// Renders the tile with a program that has the entry rt_render, all features and so many lanes; its spheres are tried
+// one after the other or found through a small tree, which must give the same hash.
+Result<Hash128> render_stress_tile(Device& device, const ProgramHandle& program, std::uint32_t lanes,
+                                   bool through_tree);
 
 } // namespace rt

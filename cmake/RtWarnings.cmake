@@ -17,5 +17,9 @@ add_library(rt_kernel_warnings INTERFACE)
 target_compile_options(rt_kernel_warnings INTERFACE -Wno-unused-parameter -Wno-unused-variable
                        -Wno-unused-but-set-variable)
 
+# For the double rung: float literals and the scene's float numbers become doubles, which is exact.
+add_library(rt_double_warnings INTERFACE)
+target_compile_options(rt_double_warnings INTERFACE -Wno-double-promotion)
+
 add_library(rt_strict_fp INTERFACE)
 target_compile_options(rt_strict_fp INTERFACE -ffp-contract=off -fno-fast-math)

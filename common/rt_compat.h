@@ -10,7 +10,7 @@
  *   rt_splat* rt_sel rt_any rt_not rt_lane_ids RT_GATHER_*                  lane operations
  *   rt_store_* rt_load_*                                                    all lanes to memory and back
  *   rt_load_rows rt_mask_bits rt_lowest_bit                                 for one ray against RT_LANES things
- *   rt_seed_* rt_native_* rt_vote_any                                       what a device does its own way
+ *   rt_seed_* rt_native_* rt_fast_* rt_vote_any                             what a device does its own way
  *
  * Lanes. With RT_LANES = 1 a lane type is a scalar and `if (rt_any(m))` is an ordinary branch. With
  * 4, 8 or 16 it is a vector and one work-item carries that many paths; a mask is then 0 or -1 a lane.
@@ -53,14 +53,49 @@
 #define RT_DEF_PTX 0
 #endif
 
+/* The rung: which arithmetic the one source is compiled for (docs/contract.md, "Rungs").
+ *   exact   float32 by the contract: the same bits on every device
+ *   fast    float32 with what the device offers: no identity
+ *   double  float64 by the same rules as exact, of the same packed scene; one lane */
+#define RT_PRECISION_EXACT 0
+#define RT_PRECISION_FAST 1
+#define RT_PRECISION_DOUBLE 2
+#ifndef RT_PRECISION
+#define RT_PRECISION RT_PRECISION_EXACT
+#endif
+
+/* What the fast rung takes from the device. Each can be left out, which is how their errors are told apart. */
+#define RT_FAST_ROOTS 0x1u       /* approximate square root, and 1 / sqrt in one operation */
+#define RT_FAST_RECIPROCALS 0x2u /* approximate 1 / x */
+#define RT_FAST_SINCOS 0x4u      /* the device's own sine and cosine */
+#define RT_FAST_CONTRACT 0x8u    /* the compiler chooses where to fuse: no forced fma */
+#define RT_FAST_FLUSH 0x10u      /* subnormals are flushed: the backends turn this into a flag, no macro can say it */
+#define RT_FAST_ALL 0x1fu
+#ifndef RT_DEF_FAST
+#define RT_DEF_FAST RT_FAST_ALL
+#endif
+#define RT_FAST(part) (RT_PRECISION == RT_PRECISION_FAST && (RT_DEF_FAST & (part)) != 0u)
+
+/* Our own roots exist to be exact in float32. */
+#if RT_PRECISION != RT_PRECISION_EXACT
+#undef RT_DEF_NATIVE_ROOTS
+#define RT_DEF_NATIVE_ROOTS 1
+#endif
+#if RT_PRECISION == RT_PRECISION_DOUBLE && RT_LANES != 1
+#error "rt: the double rung has one lane"
+#endif
+
 /* ---- qualifiers and scalars ------------------------------------------------------------------- */
 
 #if defined(RT_TARGET_OPENCL)
 
-#if RT_DEF_CONTRACT
+#if RT_DEF_CONTRACT || RT_FAST(RT_FAST_CONTRACT)
 #pragma OPENCL FP_CONTRACT ON
 #else
 #pragma OPENCL FP_CONTRACT OFF
+#endif
+#if RT_PRECISION == RT_PRECISION_DOUBLE
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
 #endif
 #define RT_FN static inline
 #define RT_KERNEL(name) __kernel void name
@@ -127,7 +162,11 @@ typedef std::int64_t rt_i64;
 
 #if RT_LANES == 1
 
+#if RT_PRECISION == RT_PRECISION_DOUBLE
+typedef double rt_float;
+#else
 typedef float rt_float;
+#endif
 typedef rt_i32 rt_int;
 typedef rt_u32 rt_uint;
 typedef rt_i32 rt_mask;
@@ -142,7 +181,42 @@ typedef rt_i32 rt_mask;
 #define rt_not(mask) (!(mask))
 #define rt_lane_ids() 0u
 
+#if RT_PRECISION == RT_PRECISION_DOUBLE
 #if defined(RT_TARGET_OPENCL)
+#define rt_fma(a, b, c) fma((double)(a), (double)(b), (double)(c))
+#define rt_bits(x) as_ulong((double)(x))
+#define rt_from_bits(x) as_double((ulong)(x))
+#define rt_bits_one(x) as_uint(x)
+#elif defined(RT_TARGET_CUDA)
+#define rt_fma(a, b, c) __fma_rn((a), (b), (c))
+#define rt_bits(x) ((rt_u64)__double_as_longlong(x))
+#define rt_from_bits(x) __longlong_as_double((rt_i64)(x))
+#define rt_bits_one(x) __float_as_uint(x)
+#else
+#define rt_fma(a, b, c) __builtin_fma((a), (b), (c))
+RT_FN rt_u64 rt_bits(double x)
+{
+	rt_u64 bits;
+	std::memcpy(&bits, &x, sizeof bits);
+	return bits;
+}
+RT_FN double rt_from_bits(rt_u64 bits)
+{
+	double x;
+	std::memcpy(&x, &bits, sizeof x);
+	return x;
+}
+RT_FN rt_u32 rt_bits_one(float x)
+{
+	rt_u32 bits;
+	std::memcpy(&bits, &x, sizeof bits);
+	return bits;
+}
+#endif
+#define rt_to_float(x) ((double)(x))
+#define rt_to_int(x) ((rt_i32)(x))
+#define rt_to_uint(x) ((rt_u32)(x))
+#elif defined(RT_TARGET_OPENCL)
 #define rt_fma(a, b, c) fma((float)(a), (float)(b), (float)(c))
 #define rt_bits(x) as_uint((float)(x))
 #define rt_from_bits(x) as_float((uint)(x))
@@ -173,6 +247,10 @@ RT_FN float rt_from_bits(rt_u32 bits)
 #define rt_to_float(x) (static_cast<float>(x))
 #define rt_to_int(x) (static_cast<rt_i32>(x))
 #define rt_to_uint(x) (static_cast<rt_u32>(x))
+#endif
+#if RT_PRECISION != RT_PRECISION_DOUBLE
+/* The bits of a float in memory, whatever the rung. */
+#define rt_bits_one(x) rt_bits(x)
 #endif
 
 /* array[index] field, one element a lane: RT_GATHER_F(spheres, hit, .cx) for floats, RT_GATHER_U for rt_u32. `field`
@@ -385,6 +463,23 @@ RT_FN rt_uint rt_lane_ids() { return rt_uint{RT_LANE_NUMBERS}; }
 
 #endif
 
+/* ---- bits of a float of the rung ------------------------------------------------------------------- */
+#if RT_PRECISION == RT_PRECISION_DOUBLE
+#define RT_SIGN_BIT ((rt_u64)1 << 63)
+#define rt_low_word(x) ((rt_u32)rt_bits(x))
+#define rt_sign_bit(x) ((rt_u32)(rt_bits(x) >> 63))
+#else
+#define RT_SIGN_BIT 0x80000000u
+#define rt_low_word(x) rt_bits(x)
+#define rt_sign_bit(x) (rt_bits(x) >> 31)
+#endif
+
+/* ---- the fast rung's multiply and add: the compiler may fuse it, and need not -------------------------- */
+#if RT_FAST(RT_FAST_CONTRACT)
+#undef rt_fma
+#define rt_fma(a, b, c) ((a) * (b) + (c)) /* bare: the fast rung promises no bits */
+#endif
+
 /* ---- seeds for our own square root and reciprocal ------------------------------------------------
  * An approximation of 1/sqrt(x) or 1/x, right to a few ulp, from hardware where there is some. kernels/math.h finishes
  * it; the result does not depend on which seed was used (contract rule 2). */
@@ -414,18 +509,68 @@ RT_FN float rt_seed_rcp(float x)
 #define RT_HARDWARE_SEEDS 0
 #endif
 
-/* ---- the device's own square root and quotient: used only where the self-test proves them ---------- */
+/* ---- the device's own square root and quotient ----------------------------------------------------
+ * Exact: used only where the self-test proves them. Double: correctly rounded by IEEE 754 and by OpenCL's rules for
+ * fp64. Fast: whatever is quickest. */
+#if RT_PRECISION == RT_PRECISION_DOUBLE
 #if defined(RT_TARGET_CUDA)
-#define rt_native_sqrt(x) __fsqrt_rn(x)
-#define rt_native_rcp(x) __frcp_rn(x)
+#define rt_native_sqrt(x) __dsqrt_rn(x)
+#define rt_native_rcp(x) __drcp_rn(x)
 #elif defined(RT_TARGET_OPENCL)
 #define rt_native_sqrt(x) sqrt(x)
 #define rt_native_rcp(x) (1.0f / (x))
 #else
-#if RT_LANES == 1
+#define rt_native_sqrt(x) __builtin_sqrt(x)
+#define rt_native_rcp(x) (1.0f / (x))
+#endif
+#else
+#if RT_FAST(RT_FAST_ROOTS)
+#if defined(RT_TARGET_CUDA)
+RT_FN float rt_native_sqrt(float x)
+{
+	float y;
+	asm("sqrt.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(x));
+	return y;
+}
+#define rt_fast_rsqrt(x) rt_seed_rsqrt(x)
+#elif defined(RT_TARGET_OPENCL)
+#define rt_native_sqrt(x) native_sqrt(x)
+#define rt_fast_rsqrt(x) native_rsqrt(x)
+#else
+#define rt_fast_rsqrt(x) (1.0f / rt_native_sqrt(x))
+#endif
+#elif defined(RT_TARGET_CUDA)
+#define rt_native_sqrt(x) __fsqrt_rn(x)
+#elif defined(RT_TARGET_OPENCL)
+#define rt_native_sqrt(x) sqrt(x)
+#endif
+#if defined(RT_TARGET_HOST) && RT_LANES == 1 /* several lanes: above */
 #define rt_native_sqrt(x) __builtin_sqrtf(x)
 #endif
+#if RT_FAST(RT_FAST_RECIPROCALS) && defined(RT_TARGET_CUDA)
+#define rt_native_rcp(x) rt_seed_rcp(x)
+#elif RT_FAST(RT_FAST_RECIPROCALS) && defined(RT_TARGET_OPENCL)
+#define rt_native_rcp(x) native_recip(x)
+#elif defined(RT_TARGET_CUDA)
+#define rt_native_rcp(x) __frcp_rn(x)
+#elif defined(RT_TARGET_OPENCL)
 #define rt_native_rcp(x) (1.0f / (x))
+#else
+#define rt_native_rcp(x) (1.0f / (x))
+#endif
+#endif
+
+/* ---- the fast rung's sine and cosine, of radians in [-pi, pi]: where the device has them in hardware ------ */
+#if RT_FAST(RT_FAST_SINCOS) && defined(RT_TARGET_CUDA)
+#define RT_FAST_HAS_SINCOS 1
+#define rt_fast_sin(x) __sinf(x)
+#define rt_fast_cos(x) __cosf(x)
+#elif RT_FAST(RT_FAST_SINCOS) && defined(RT_TARGET_OPENCL)
+#define RT_FAST_HAS_SINCOS 1
+#define rt_fast_sin(x) native_sin(x)
+#define rt_fast_cos(x) native_cos(x)
+#else
+#define RT_FAST_HAS_SINCOS 0
 #endif
 
 /* ---- is any path of the warp alive? ---------------------------------------------------------------

@@ -38,7 +38,7 @@ typedef struct rt_slabs {
 RT_FN rt_float rt_slope_inverse(rt_float d)
 {
 	rt_float size = rt_max(rt_abs(d), rt_splat(RT_MIN_SLOPE));
-	return rt_rcp(rt_from_bits(rt_bits(size) | (rt_bits(d) & 0x80000000u)));
+	return rt_rcp(rt_from_bits(rt_bits(size) | (rt_bits(d) & RT_SIGN_BIT)));
 }
 
 RT_FN rt_slabs rt_ray_slabs(RT_UNIFORM const rt_scene* scene, rt_ray ray)
@@ -59,38 +59,38 @@ RT_FN rt_slabs rt_ray_slabs(RT_UNIFORM const rt_scene* scene, rt_ray ray)
 #if RT_LANES == 1
 
 /* One box against one ray: where it enters, or RT_MAX_FLOAT if it misses or enters behind `limit`. */
-RT_FN float rt_box_entry(rt_slabs slabs, float near_x, float far_x, float near_y, float far_y, float near_z,
-                         float far_z, float limit)
+RT_FN rt_float rt_box_entry(rt_slabs slabs, rt_float near_x, rt_float far_x, rt_float near_y, rt_float far_y,
+                            rt_float near_z, rt_float far_z, rt_float limit)
 {
-	float entry = rt_max(rt_max(rt_fma(near_x, slabs.inverse.x, slabs.near_shift.x),
-	                            rt_fma(near_y, slabs.inverse.y, slabs.near_shift.y)),
-	                     rt_max(rt_fma(near_z, slabs.inverse.z, slabs.near_shift.z), 0.0f));
-	float leave = rt_min(
+	rt_float entry = rt_max(rt_max(rt_fma(near_x, slabs.inverse.x, slabs.near_shift.x),
+	                               rt_fma(near_y, slabs.inverse.y, slabs.near_shift.y)),
+	                        rt_max(rt_fma(near_z, slabs.inverse.z, slabs.near_shift.z), 0.0f));
+	rt_float leave = rt_min(
 	    rt_min(rt_fma(far_x, slabs.inverse.x, slabs.far_shift.x), rt_fma(far_y, slabs.inverse.y, slabs.far_shift.y)),
 	    rt_min(rt_fma(far_z, slabs.inverse.z, slabs.far_shift.z), limit));
 	return entry <= leave ? entry : RT_MAX_FLOAT;
 }
 
 /* Puts the nearer of two children first. */
-#define RT_SORT_CHILDREN(i, j)    \
-	if (entry[j] < entry[i]) {    \
-		float entry_ = entry[i];  \
-		rt_u32 child_ = child[i]; \
-		entry[i] = entry[j];      \
-		child[i] = child[j];      \
-		entry[j] = entry_;        \
-		child[j] = child_;        \
+#define RT_SORT_CHILDREN(i, j)      \
+	if (entry[j] < entry[i]) {      \
+		rt_float entry_ = entry[i]; \
+		rt_u32 child_ = child[i];   \
+		entry[i] = entry[j];        \
+		child[i] = child[j];        \
+		entry[j] = entry_;          \
+		child[j] = child_;          \
 	}
 
 RT_FN rt_hit rt_bvh_hit(rt_scene_view view, rt_ray ray, rt_hit hit, rt_mask live)
 {
 	rt_slabs slabs = rt_ray_slabs(view.scene, ray);
 	/* Rows of a node: near and far planes by axis; which is which depends on the sign of the direction. */
-	rt_u32 flip_x = rt_bits(ray.dir.x) >> 31;
-	rt_u32 flip_y = rt_bits(ray.dir.y) >> 31;
-	rt_u32 flip_z = rt_bits(ray.dir.z) >> 31;
+	rt_u32 flip_x = rt_sign_bit(ray.dir.x);
+	rt_u32 flip_y = rt_sign_bit(ray.dir.y);
+	rt_u32 flip_z = rt_sign_bit(ray.dir.z);
 	rt_u32 stack[RT_BVH_STACK(RT_LANES)];
-	float entries[RT_BVH_STACK(RT_LANES)];
+	rt_float entries[RT_BVH_STACK(RT_LANES)];
 	rt_u32 top = 0u;
 	rt_u32 link = view.scene->bvh_root;
 	(void)live;
@@ -103,16 +103,16 @@ RT_FN rt_hit rt_bvh_hit(rt_scene_view view, rt_ray ray, rt_hit hit, rt_mask live
 			rt_row4 near_y = node[2u + flip_y], far_y = node[3u - flip_y];
 			rt_row4 near_z = node[4u + flip_z], far_z = node[5u - flip_z];
 			rt_row4 links = node[6];
-			float entry[4];
+			rt_float entry[4];
 			rt_u32 child[4];
 			entry[0] = rt_box_entry(slabs, near_x.a, far_x.a, near_y.a, far_y.a, near_z.a, far_z.a, hit.t);
 			entry[1] = rt_box_entry(slabs, near_x.b, far_x.b, near_y.b, far_y.b, near_z.b, far_z.b, hit.t);
 			entry[2] = rt_box_entry(slabs, near_x.c, far_x.c, near_y.c, far_y.c, near_z.c, far_z.c, hit.t);
 			entry[3] = rt_box_entry(slabs, near_x.d, far_x.d, near_y.d, far_y.d, near_z.d, far_z.d, hit.t);
-			child[0] = rt_bits(links.a);
-			child[1] = rt_bits(links.b);
-			child[2] = rt_bits(links.c);
-			child[3] = rt_bits(links.d);
+			child[0] = rt_bits_one(links.a);
+			child[1] = rt_bits_one(links.b);
+			child[2] = rt_bits_one(links.c);
+			child[3] = rt_bits_one(links.d);
 			RT_SORT_CHILDREN(0, 1)
 			RT_SORT_CHILDREN(2, 3)
 			RT_SORT_CHILDREN(0, 2)
@@ -140,8 +140,8 @@ RT_FN rt_hit rt_bvh_hit(rt_scene_view view, rt_ray ray, rt_hit hit, rt_mask live
 			rt_u32 end = i + ((link >> RT_BVH_COUNT_SHIFT) & RT_BVH_COUNT_MASK) + 1u;
 			for (; i < end; ++i) {
 				rt_mask met;
-				float t = rt_sphere_distance(v3(view.spheres[i].cx, view.spheres[i].cy, view.spheres[i].cz),
-				                             view.spheres[i].radius, ray, ray.from == (rt_i32)i, &met);
+				rt_float t = rt_sphere_distance(v3(view.spheres[i].cx, view.spheres[i].cy, view.spheres[i].cz),
+				                                view.spheres[i].radius, ray, ray.from == (rt_i32)i, &met);
 				if (met && t <= hit.t)
 					hit = rt_hit_nearer(hit, t, met, i, view.sphere_ids);
 			}

@@ -3,7 +3,8 @@
  * A channel's radiance v becomes the integer round-half-even(v 2^f). It may have 41 bits, so it is kept as
  * high 2^20 + low with |low| <= 2^19: high = round(v 2^(f - 20)), low = round(v 2^f - high 2^20), where the difference
  * is exact. Adding 1.5 2^23 to a float leaves the rounded integer in its low bits; those bits are summed as they are
- * and the constant is taken off at the end. RT_MAX_SAMPLES_PER_LAUNCH keeps both 32-bit sums from overflowing.
+ * and the constant is taken off at the end; a double takes 1.5 2^52 and the low half of its bits.
+ * RT_MAX_SAMPLES_PER_LAUNCH keeps both 32-bit sums from overflowing.
  */
 #ifndef RT_FILM_H
 #define RT_FILM_H
@@ -11,8 +12,13 @@
 #include "common/rt_structs.h"
 #include "kernels/vec.h"
 
+#if RT_PRECISION == RT_PRECISION_DOUBLE
+#define RT_FILM_MAGIC 0x1.8p+52f
+#define RT_FILM_MAGIC_BITS 0u /* of its low word, where the integer is */
+#else
 #define RT_FILM_MAGIC 0x1.8p+23f
 #define RT_FILM_MAGIC_BITS 0x4b400000u
+#endif
 
 typedef struct rt_channel_sum {
 	rt_uint high, low;
@@ -38,8 +44,8 @@ RT_FN rt_channel_sum rt_channel_add(rt_channel_sum sum, rt_mask finished, rt_flo
 	rt_float high = rt_fma(v, rt_splat(scale_high), rt_splat(RT_FILM_MAGIC));
 	rt_float rest = rt_fma(high - RT_FILM_MAGIC, rt_splat(-0x1p20f), v * scale);
 	rt_float low = rest + RT_FILM_MAGIC;
-	sum.high += rt_sel(finished, rt_bits(high), rt_splat_u(0u));
-	sum.low += rt_sel(finished, rt_bits(low), rt_splat_u(0u));
+	sum.high += rt_sel(finished, rt_low_word(high), rt_splat_u(0u));
+	sum.low += rt_sel(finished, rt_low_word(low), rt_splat_u(0u));
 	return sum;
 }
 

@@ -22,7 +22,7 @@ RT_FN rt_vec3 rt_from_frame(rt_vec3 w, rt_vec3 n)
 	rt_float along = rt_fma(-across, rt_rcp(1.0f + up), w.z);
 	rt_float z = rt_fma(up, w.z, -across);
 	return v3(rt_fma(n.x, along, w.x), rt_fma(n.y, along, w.y),
-	          rt_from_bits(rt_bits(z) ^ (rt_bits(n.z) & 0x80000000u)));
+	          rt_from_bits(rt_bits(z) ^ (rt_bits(n.z) & RT_SIGN_BIT)));
 }
 
 /* Diffuse and fuzzy directions start from the same point: with s = sqrt(u), q = sqrt(1 - u) and an angle,

@@ -48,7 +48,7 @@ RT_FN rt_vec3 v3_normalize(rt_vec3 v, rt_vec3 fallback)
 {
 	rt_float square = v3_dot(v, v);
 	rt_mask defined = square > rt_splat(RT_MIN_SQUARE);
-	return v3_sel(defined, v3_scale(rt_rcp(rt_root(square)), v), fallback);
+	return v3_sel(defined, v3_scale(rt_inverse_root(square), v), fallback);
 }
 
 /* v / |v| for a v whose length is within 1e-3 of 1: one Newton step from 1 for 1 / |v|. Its error, 3/8 of the square of

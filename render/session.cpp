@@ -46,6 +46,11 @@ std::uint32_t page_rows(const PackedScene& packed, std::uint64_t max_alloc_bytes
 	return static_cast<std::uint32_t>(std::min<std::uint64_t>(rows, packed.scene.window_height));
 }
 
+std::uint32_t lanes_of(const DeviceInfo& device, const SessionOptions& options)
+{
+	return options.lanes ? options.lanes : lanes_for(device, options.precision);
+}
+
 std::uint64_t available_host_bytes()
 {
 	std::ifstream file("/proc/meminfo");
@@ -170,13 +175,15 @@ public:
 	{
 		const PackedScene& packed = packed_;
 		const SessionOptions& options = shared_.options;
+		RT_TRY(check_precision(device_->info(), options.precision));
 		const ProgramSpec spec = render_program(packed, device_->info(), options);
 		if (options.status)
 			options.status("compiling the kernel for " + device_->info().name);
 		RT_TRY_ASSIGN(program_, device_->build(spec));
 		stats_.build = program_->report();
-		stats_.lanes = options.lanes ? options.lanes : device_->info().native_lanes;
-		stats_.native_roots = !options.software_roots && !device_->info().hardware_seeds;
+		stats_.lanes = lanes_of(device_->info(), options);
+		stats_.native_roots =
+		    options.precision != Precision::Exact || (!options.software_roots && !device_->info().hardware_seeds);
 
 		if (packed.spheres.size() <= RT_MAX_FEW_SPHERES) {
 			std::copy(packed.spheres.begin(), packed.spheres.end(), few_.spheres);
@@ -434,9 +441,10 @@ ProgramSpec render_program(const PackedScene& packed, const DeviceInfo& device, 
 	spec.entries = {"rt_clear", "rt_merge", "rt_render"};
 	const bool permuted = (packed.features & RT_FEATURE_PERMUTED) != 0;
 	const std::uint32_t features = options.specialise ? packed.features : std::uint32_t(RT_FEATURE_ALL);
-	spec.defines.emplace_back("RT_LANES", fmt::format("{}", options.lanes ? options.lanes : device.native_lanes));
+	spec.defines.emplace_back("RT_LANES", fmt::format("{}", lanes_of(device, options)));
 	spec.defines.emplace_back("RT_FEATURES", fmt::format("{:#x}u", features));
 	spec.defines.emplace_back("RT_DEF_NATIVE_ROOTS", options.software_roots || device.hardware_seeds ? "0" : "1");
+	set_precision(spec, options.precision, options.fast_parts);
 	if (options.allow_contraction)
 		spec.defines.emplace_back("RT_DEF_CONTRACT", "1");
 	if (options.specialise && !permuted && packed.spheres.size() <= RT_MAX_FEW_SPHERES) {
@@ -485,11 +493,8 @@ Result<SessionResult> render_scene(const PackedScene& packed, const std::vector<
 	std::vector<Worker> workers;
 	workers.reserve(devices.size());
 	std::uint64_t max_alloc = 0;
-	const auto lanes_of = [&](const DeviceHandle& device) {
-		return options.lanes ? options.lanes : device->info().native_lanes;
-	};
 	for (const DeviceHandle& device : devices) {
-		const std::uint32_t lanes = lanes_of(device);
+		const std::uint32_t lanes = lanes_of(device->info(), options);
 		if (wants_bvh(packed, lanes, options.bvh) && !trees.count(lanes)) {
 			if (options.status)
 				options.status(fmt::format("building a tree of {} spheres", packed.spheres.size()));
@@ -498,8 +503,9 @@ Result<SessionResult> render_scene(const PackedScene& packed, const std::vector<
 			result.bvh_seconds += seconds_since(start);
 		}
 		const auto tree = trees.find(lanes);
-		const bool last = std::none_of(devices.begin() + static_cast<std::ptrdiff_t>(workers.size()) + 1, devices.end(),
-		                               [&](const DeviceHandle& later) { return lanes_of(later) == lanes; });
+		const bool last =
+		    std::none_of(devices.begin() + static_cast<std::ptrdiff_t>(workers.size()) + 1, devices.end(),
+		                 [&](const DeviceHandle& later) { return lanes_of(later->info(), options) == lanes; });
 		workers.emplace_back(device, tree == trees.end() ? packed : tree->second,
 		                     tree == trees.end() || !last ? nullptr : &tree->second, shared);
 		RT_TRY(workers.back().prepare());

@@ -6,6 +6,7 @@
 #pragma once
 
 #include "backends/backend.h"
+#include "backends/precision.h"
 #include "render/film.h"
 #include "render/pack.h"
 #include "support/result.h"
@@ -30,11 +31,13 @@ enum class Acceleration { Auto, Never, Always };
 struct SessionOptions {
 	std::uint32_t first_sample = 0; // samples [first_sample, first_sample + samples) are taken
 	std::uint32_t samples = 1;
+	Precision precision = Precision::Exact;
+	std::uint32_t fast_parts = RT_FAST_ALL; // of the fast rung's approximations, for telling their errors apart
 	bool specialise = true;         // compile for the scene's features and sphere count; false: the generic program
 	bool software_roots = false;    // our own square root and reciprocal even where the device's are proven
 	bool allow_contraction = false; // the compiler may fuse products and sums; it finds none (tests of rule 3)
 	Acceleration bvh = Acceleration::Auto; // Auto: where the device gains by it
-	std::uint32_t lanes = 0;               // 0: the device's native width
+	std::uint32_t lanes = 0;               // 0: the device's native width (1 in the double rung)
 	std::uint32_t group_size = 0;          // 0: the backend's choice
 	std::uint32_t slices = 0;              // parts that a pixel's samples are taken in, side by side; 0: by the device
 	std::uint32_t rows_per_launch = 0;     // 0: chosen by time

@@ -48,4 +48,11 @@ ContractFloatEnvironment::~ContractFloatEnvironment()
 	std::fesetround(saved_rounding_);
 }
 
+FlushingFloatEnvironment::FlushingFloatEnvironment() : saved_control_(read_control())
+{
+	write_control(saved_control_ | flush_bits);
+}
+
+FlushingFloatEnvironment::~FlushingFloatEnvironment() { write_control(saved_control_); }
+
 } // namespace rt

@@ -18,4 +18,16 @@ private:
 	int saved_rounding_ = 0;
 };
 
+// Lets the calling thread flush subnormals for the object's lifetime, where the processor can: the fast rung's.
+class FlushingFloatEnvironment {
+public:
+	FlushingFloatEnvironment();
+	~FlushingFloatEnvironment();
+	FlushingFloatEnvironment(const FlushingFloatEnvironment&) = delete;
+	FlushingFloatEnvironment& operator=(const FlushingFloatEnvironment&) = delete;
+
+private:
+	unsigned saved_control_ = 0;
+};
+
 } // namespace rt

@@ -369,7 +369,8 @@ TEST_CASE("a wrong command line is one usage error that names option, value and 
 	    {{"--exposure", "bright"}, {"--exposure", "'bright'"}},
 	    {{"--exposure", "nan"}, {"--exposure", "'nan'"}},
 	    {{"--exposure", "1e9"}, {"--exposure", "'1e9'"}},
-	    {{"--precision", "fast"}, {"--precision", "'fast'", "exact"}},
+	    {{"--precision", "half"}, {"--precision", "'half'", "exact, fast, double"}},
+	    {{"--precision", "double", "--lanes", "4"}, {"--precision double", "one lane"}},
 	    {{"--backend", "vulkan"}, {"vulkan", "cuda, opencl, reference"}},
 	    {{"--lanes", "3"}, {"--lanes", "'3'", "1, 4, 8, 16"}},
 	    {{"--progress", "loud"}, {"--progress", "'loud'"}},
@@ -567,6 +568,45 @@ TEST_CASE("what may not change a bit does not, and what should does")
 	CHECK(text_of(where / "a.png") != text_of(where / "d.png"));
 	CHECK(render_hash(where, small + Arguments{"-o", "e.png", "--seed", "1"}) != hash);
 	CHECK(render_hash(where, small + Arguments{"-o", "f.png", "--max-depth", "1"}) != hash);
+}
+
+TEST_CASE("the rung of an image is in its summary, its file and its statistics, and rungs do not mix")
+{
+	const Directory where;
+	const std::string exact = render_hash(where, small + Arguments{"-o", "exact.rtfilm"});
+	for (const std::string rung : {"fast", "double"}) {
+		INFO(rung);
+		const Arguments precision = {"--precision", rung};
+		const Outcome outcome = run(where, small + precision + Arguments{"-o", rung + ".rtfilm", "--stats", "s.json"});
+		INFO(outcome.err);
+		REQUIRE(outcome.status == 0);
+		CHECK(film_hash(outcome.out) != exact);
+		CHECK(outcome.out.find("2 samples a pixel, " + rung) != std::string::npos);
+		CHECK((outcome.out.find("other bits") != std::string::npos) == (rung == "fast"));
+		CHECK(Json::parse(text_of(where / "s.json")).at("precision") == rung);
+		const auto bytes = rt::read_file((where / (rung + ".rtfilm")).string());
+		REQUIRE(bytes);
+		const auto film = rt::decode_rtfilm(bytes->data(), bytes->size(), rung);
+		REQUIRE(film);
+		CHECK(rt::provenance_value(film->provenance, "Precision") == rung);
+		const std::string contract = rt::provenance_value(film->provenance, "Contract");
+		CHECK((contract == std::to_string(RT_CONTRACT_VERSION)) == (rung == "double"));
+		CHECK((contract.find("none") != std::string::npos) == (rung == "fast"));
+		// The mark is in a picture too, and goes where it goes.
+		CHECK(run(where, small + precision + Arguments{"-o", "picture.png"}).status == 0);
+		CHECK(text_of(where / "picture.png").find("rt:Precision") != std::string::npos);
+		CHECK((text_of(where / "picture.png").find("none: precision fast") != std::string::npos) == (rung == "fast"));
+		// A film is gone on from in its own rung alone.
+		const Arguments more = {"--backend", "reference", "--size", "24x16", "--samples", "3"};
+		CHECK(run(where, more + precision + Arguments{"--resume", rung + ".rtfilm", "-o", "a.png"}).status == 0);
+		check_refused(where, more + Arguments{"--resume", rung + ".rtfilm", "-o", "no.png"}, 2,
+		              {rung + ".rtfilm", "Precision: the film has " + rung + ", this render exact"});
+		check_refused(where, more + precision + Arguments{"--resume", "exact.rtfilm", "-o", "no.png"}, 2,
+		              {"exact.rtfilm", "Precision: the film has exact, this render " + rung});
+	}
+	const Outcome unmarked = run(where, small + Arguments{"--precision", "fast", "-o", "a.pfm"});
+	CHECK(unmarked.status == 0);
+	CHECK(unmarked.err.find("no room for the mark") != std::string::npos);
 }
 
 TEST_CASE("the command line overrides the scene")

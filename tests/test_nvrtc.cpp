@@ -3,6 +3,7 @@
 #include "backends/cuda/generic_program.h"
 #include "backends/cuda/nvrtc.h"
 #include "backends/kernel_text.h"
+#include "backends/precision.h"
 #include "common/rt_features.h"
 #include "render/pack.h"
 #include "render/scene_file.h"
@@ -227,6 +228,55 @@ TEST_CASE("NVRTC: every shipped feature mask compiles and keeps the contract")
 			}
 }
 
+TEST_CASE("NVRTC: the double rung computes in double alone, and fast takes what the GPU has")
+{
+	const Nvrtc* const nvrtc = find_nvrtc();
+	if (!nvrtc)
+		return;
+	const auto operations_of = [&](Precision precision, std::uint32_t parts = RT_FAST_ALL) {
+		ProgramSpec spec{"kernels/render.cl", {}, {}};
+		set_precision(spec, precision, parts);
+		const NvrtcOutput output = compile(*nvrtc, expect(flatten_program(spec)), {generic_capability, false},
+		                                   nvrtc_options(lets_compiler_fuse(spec), flushes_subnormals(spec)));
+		CHECK(output.log.empty());
+		return operations(output);
+	};
+	const Operations in_double = operations_of(Precision::Double);
+	CHECK(count(in_double, "fma.rn.f64") > 0);
+	CHECK(count(in_double, "sqrt.rn.f64") > 0);
+	CHECK(count(in_double, "rcp.rn.f64") > 0);
+	for (const auto& [name, times] : in_double) {
+		INFO(name);
+		const bool memory = starts_with(name, "ld.") || starts_with(name, "cvt.f64.f32") || starts_with(name, "mov.") ||
+		                    starts_with(name, "selp.") || starts_with(name, "setp.");
+		CHECK((memory ||
+		       !contains(name,
+		                 "f32"))); // the scene's numbers are float and may be compared as such; what is computed is not
+		CHECK_FALSE(contains(name, ".approx"));
+		const bool arithmetic = starts_with(name, "add.") || starts_with(name, "sub.") || starts_with(name, "mul.");
+		CHECK((!arithmetic || !contains(name, ".f64") || contains(name, ".rn")));
+	}
+	const Operations fast = operations_of(Precision::Fast);
+	CHECK(count(fast, "rsqrt.approx.ftz") > 0);
+	CHECK(count(fast, "sqrt.approx.ftz") > 0);
+	CHECK(count(fast, "rcp.approx.ftz") > 0);
+	CHECK(count(fast, "sin.approx.ftz") > 0);
+	CHECK(count(fast, "cos.approx.ftz") > 0);
+	CHECK(count(fast, "fma.rn.ftz") > 0);
+	for (const auto& [name, times] : fast) {
+		INFO(name);
+		CHECK_FALSE(contains(name, ".f64"));
+	}
+	// Each part brings its own operation and no other's.
+	CHECK(forbidden(operations_of(Precision::Fast, 0)).empty());
+	CHECK(count(operations_of(Precision::Fast, RT_FAST_SINCOS), "sin.approx") > 0);
+	CHECK(count(operations_of(Precision::Fast, RT_FAST_SINCOS), "sqrt.approx") == 0);
+	CHECK(count(operations_of(Precision::Fast, RT_FAST_ROOTS), "sqrt.approx") > 0);
+	CHECK(count(operations_of(Precision::Fast, RT_FAST_ROOTS), "sin.approx") == 0);
+	CHECK(count(operations_of(Precision::Fast, RT_FAST_RECIPROCALS), "rcp.approx") > 0);
+	CHECK(count(operations_of(Precision::Fast, RT_FAST_FLUSH), "fma.rn.ftz") > 0);
+}
+
 TEST_CASE("NVRTC: binary code of the render and probe programs is made without a warning")
 {
 	const Nvrtc* const nvrtc = find_nvrtc();
@@ -282,6 +332,8 @@ TEST_CASE("A generic program stands in for specialised ones and for nothing else
 	CHECK(generic_key({"kernels/render.cl", {{"RT_LANES", "1"}, {"RT_DEF_NATIVE_ROOTS", "1"}}, {}}) ==
 	      generic_key(plain));
 	CHECK(generic_key({"kernels/render.cl", {{"RT_DEF_NATIVE_ROOTS", "0"}}, {}}) != generic_key(plain));
+	CHECK(generic_key({"kernels/render.cl", {{"RT_PRECISION", "0"}}, {}}) == generic_key(plain));
+	CHECK(generic_key({"kernels/render.cl", {{"RT_PRECISION", "1"}}, {}}) != generic_key(plain));
 	CHECK(generic_key({"kernels/render.cl", {{"RT_LANES", "8"}}, {}}) != generic_key(plain));
 	CHECK(generic_key({"kernels/render.cl", {{"RT_DEF_UNHEARD_OF", "1"}}, {}}) != generic_key(plain));
 	CHECK(generic_key({"kernels/probe.cl", {}, {}}) != generic_key(plain));

@@ -114,6 +114,10 @@ private:
 	{
 		RT_TRY_ASSIGN(output_, output_file(options_, scene_file_.base.name, frame));
 		RT_TRY(check_writable(output_.path));
+		if (options_.precision == Precision::Fast && output_.format == ImageFormat::Pfm &&
+		    frame == options_.first_frame)
+			report_warning("a .pfm file has no room for the mark that its image is of precision fast",
+			               "write .png, .exr or .rtfilm, which carry it");
 		times_.begin("pack_scene");
 		RT_TRY_ASSIGN(const Scene scene, scene_file_.at_frame(frame));
 		origin_.scene = options_.scene;
@@ -121,6 +125,7 @@ private:
 		origin_.frame = frame;
 		origin_.settings = options_.settings_over(scene.render);
 		origin_.display = options_.display;
+		origin_.precision = options_.precision;
 		RT_TRY_ASSIGN(origin_.window, window_in(options_, origin_.settings));
 		RT_TRY_ASSIGN(packed_, pack_scene(scene, origin_.settings, origin_.window));
 		times_.end();
@@ -156,7 +161,7 @@ private:
 	{
 		const DeviceInfo& info = device->info();
 		display_.status("testing " + describe(info));
-		const Result<SelfTestReport> report = self_test(device, !options_.self_test_afresh);
+		const Result<SelfTestReport> report = self_test(device, !options_.self_test_afresh, options_.precision);
 		if (!report) {
 			if (!options_.force_unverified)
 				return report.error();
@@ -212,6 +217,7 @@ private:
 		passes.samples = origin_.settings.samples;
 		passes.resumable = is_resumable();
 		passes.checkpoint_seconds = options_.checkpoint_seconds;
+		passes.session.precision = options_.precision;
 		passes.session.specialise = options_.specialise;
 		passes.session.software_roots = software_roots_;
 		passes.session.bvh = options_.bvh;
@@ -321,7 +327,7 @@ private:
 			size = fmt::format("{}x{} of {}", origin_.window.width, origin_.window.height, size);
 		std::string text =
 		    fmt::format("{}: {}, {} {} a pixel, {}\n", output_.path == "-" ? "standard output" : output_.path, size,
-		                samples_text(kept), kept.max_samples() == 1 ? "sample" : "samples", precision_name);
+		                samples_text(kept), kept.max_samples() == 1 ? "sample" : "samples", precision_text());
 		std::vector<std::string> names;
 		for (const DeviceHandle& device : origin_.devices)
 			names.push_back(describe(device->info()));
@@ -332,6 +338,13 @@ private:
 		                    format_quantity(static_cast<double>(result.segments) / seconds),
 		                    origin_.self_test == "passed" ? "" : ", NOT VERIFIED");
 		return text + film;
+	}
+
+	// What the image may be compared with.
+	std::string precision_text() const
+	{
+		const std::string name = precision_name(options_.precision);
+		return options_.precision == Precision::Fast ? name + ": other devices and versions make other bits" : name;
 	}
 
 	// One frame: everything in one object. Several: the frames in a list, written anew after each.

@@ -44,6 +44,13 @@ private:
 	std::vector<std::string> values_;
 };
 
+// Whoever reads a fast image's metadata learns that its bits are not anybody else's.
+std::string contract_text(Precision precision)
+{
+	return precision == Precision::Fast ? "none: precision fast, other devices make other bits"
+	                                    : std::to_string(RT_CONTRACT_VERSION);
+}
+
 // A film is as trustworthy as its worst part.
 std::string self_test_of(const FilmOrigin& origin)
 {
@@ -90,7 +97,7 @@ Provenance provenance_of(const FilmOrigin& origin, const Film& film, const std::
 		build_options.add(device.build.options);
 	Provenance all = {
 	    {"Software", fmt::format("rt {} ({})", RT_VERSION, RT_REVISION)},
-	    {"Contract", std::to_string(RT_CONTRACT_VERSION)},
+	    {"Contract", contract_text(origin.precision)},
 	    {"Scene", origin.scene},
 	    {"SceneHash", origin.scene_hash.hex()},
 	    {"Frame", std::to_string(origin.frame)},
@@ -100,7 +107,7 @@ Provenance provenance_of(const FilmOrigin& origin, const Film& film, const std::
 	    {"Samples", samples_text(film)},
 	    {"Seed", std::to_string(origin.settings.seed)},
 	    {"MaxDepth", std::to_string(origin.settings.max_depth)},
-	    {"Precision", precision_name},
+	    {"Precision", precision_name(origin.precision)},
 	    {"KernelHash", kernel_hash()},
 	    {"Backend", of_devices("Backend", [](const DeviceInfo& info) { return info.backend; })},
 	    {"Device", of_devices("Device", [](const DeviceInfo& info) { return info.name; })},

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "backends/backend.h"
+#include "backends/precision.h"
 #include "render/display.h"
 #include "render/film.h"
 #include "render/image_file.h"
@@ -16,9 +17,6 @@
 
 namespace rt {
 
-// The precision that every film of this version has.
-constexpr const char* precision_name = "exact";
-
 // Everything about a film that is not in it.
 struct FilmOrigin {
 	std::string scene; // as the user named it
@@ -27,6 +25,7 @@ struct FilmOrigin {
 	RenderSettings settings;
 	Window window;
 	DisplaySettings display;
+	Precision precision = Precision::Exact;
 	std::vector<DeviceHandle> devices;
 	std::string self_test; // "passed" or "failed: ..."
 	Provenance resumed;    // of the film that was gone on from; empty if there was none

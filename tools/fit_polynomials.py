@@ -1,14 +1,15 @@
 #!/usr/bin/env python3
-"""Fits the polynomials of kernels/math.h and prints their coefficients as hex floats.
+"""Fits the polynomials of kernels/math.h and kernels/math_double.h and prints their coefficients as hex floats.
 
-Minimax by Remez's exchange in 50 digits (needs mpmath), then each coefficient rounded to float. The error of the float
-evaluation, not of the fit, is what tests/test_contract.cpp bounds.
+Minimax by Remez's exchange in 50 digits (needs mpmath), then each coefficient rounded to float, or with --double to
+double. The error of the evaluation, not of the fit, is what tests/test_contract.cpp and tests/test_precision.cpp bound.
 
     sin(pi/2 f) / f   in f^2, |f| <= 1/2, relative error
     cos(pi/2 f)       in f^2, |f| <= 1/2, 1 at 0, absolute error
     atan(t) / (2 pi t) in t^2, 0 <= t <= 1, relative error
 """
 import struct
+import sys
 
 from mpmath import atan, cos, lu_solve, matrix, mp, mpf, pi, sin, sqrt
 
@@ -47,8 +48,8 @@ def remez(function, weight, low, high, count):
     return coefficients, max(abs(error) for error in errors)
 
 
-def show(name, coefficients, error):
-    rounded = [struct.unpack("f", struct.pack("f", float(c)))[0].hex() for c in coefficients]
+def show(name, form, coefficients, error):
+    rounded = [struct.unpack(form, struct.pack(form, float(c)))[0].hex() for c in coefficients]
     print(f"{name}: error of the fit {mp.nstr(error, 3)}")
     for power, text in enumerate(rounded):
         print(f"  {power}: {text}")
@@ -67,9 +68,13 @@ def main():
     def angle(x):
         return (atan(sqrt(x)) / sqrt(x) if x > near_zero else 1 - x / 3) / (2 * pi)
 
-    show("sine", *remez(sine, lambda x: 1 / sine(x), mpf(0), mpf(1) / 4, 4))
-    show("cosine - 1, from the power 1", *remez(cosine, lambda x: x + mpf("1e-3"), mpf(0), mpf(1) / 4, 4))
-    show("arctangent in turns", *remez(angle, lambda x: 1 / angle(x), mpf(0), mpf(1), 9))
+    # The terms that bring the error of the fit below that of rounding.
+    form, terms_sine, terms_cosine, terms_angle = ("d", 7, 7, 22) if "--double" in sys.argv[1:] else ("f", 4, 4, 9)
+    half2 = mpf(1) / 4  # (1/2)^2
+    show("sine", form, *remez(sine, lambda x: 1 / sine(x), mpf(0), half2, terms_sine))
+    show("cosine - 1, from the power 1", form,
+         *remez(cosine, lambda x: x + mpf("1e-3"), mpf(0), half2, terms_cosine))
+    show("arctangent in turns", form, *remez(angle, lambda x: 1 / angle(x), mpf(0), mpf(1), terms_angle))
 
 
 main()

@@ -11,7 +11,11 @@ text      Names, types, literals and preprocessor conditions that the language d
           It does not help where a float is in sight.
 compiled  clang++ compiles the entry points for the host, everything inlined, contraction off. In what it makes, no
           product may reach an operand of a float addition or subtraction, not through variables, structs, functions,
-          selections or loops either; there is no double, and no library function but fma and sqrt. Needs clang++.
+          selections or loops either; there is no double, and no library function but fma and sqrt. In the double rung
+          the same holds of double, and there is no float arithmetic. Needs clang++.
+
+What only the fast or the double rung has (rt_compat.h, RT_PRECISION) stands under a condition on it: there alone are
+approximations and double literals allowed.
 
 A product by a power of two is exact, so fusing it changes nothing: both passes let it be. The comment /* bare */ on a
 line says that its product feeds a bare + or - on purpose (a probe that asks what a compiler makes of it).
@@ -30,11 +34,20 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 COMPAT = "common/rt_compat.h"
+# What only one rung has stands between a condition on it and the next #elif, #else or #endif.
+RUNG_CONDITIONS = ((re.compile(r"RT_PRECISION == RT_PRECISION_DOUBLE\b"), "double"), (re.compile(r"RT_FAST\("), "fast"))
 # The one file that may finish a hardware operation (rule 2).
 ROOTS = "kernels/math.h"
 
 INT_TYPES = {"rt_u32", "rt_i32", "rt_u64", "rt_i64", "rt_uint", "rt_int", "rt_mask", "int", "uint", "unsigned"}
 FLOAT_TYPES = {"float", "rt_float"}
+
+# The same, in one rung alone.
+RUNG_CALLS = {
+    "double": {"as_ulong", "as_double", "__fma_rn", "__double_as_longlong", "__longlong_as_double", "__builtin_fma",
+               "__dsqrt_rn", "__drcp_rn", "__builtin_sqrt", "double", "ulong"},
+    "fast": {"native_sqrt", "native_rsqrt", "native_recip", "native_sin", "native_cos", "__sinf", "__cosf"},
+}
 
 # What each target calls the operations that rt_compat.h gives one name.
 COMPAT_CALLS = {
@@ -124,18 +137,25 @@ class Source:
         text, self.marked = strip_comments(text)
         self.macros = []  # (name, parameters, body tokens)
         self.conditions = []  # (line, text)
+        self.rungs = {}  # line: the rung that alone has it
+        self.open = []  # of each open #if: the rung it is for, or None
         code, self.includes = [], []
         lines = text.split("\n")
         number = 0
         while number < len(lines):
             start = number
             line = lines[number]
+            rung = next((r for r in reversed(self.open) if r), None)
+            if rung:
+                self.rungs[number + 1] = rung
             if line.lstrip().startswith("#"):
                 while line.endswith("\\") and number + 1 < len(lines):
                     number += 1
                     line = line[:-1] + "\n" + lines[number]
                 self.directive(line, start + 1)
                 code.extend([""] * (number - start + 1))
+                for continued in range(start + 2, number + 2):
+                    self.rungs[continued] = rung
             else:
                 code.append(line)
             number += 1
@@ -146,6 +166,11 @@ class Source:
         if not match:
             return
         word, rest = match.groups()
+        if word in ("elif", "else", "endif") and self.open:
+            self.open.pop()
+        if word in ("if", "ifdef", "ifndef", "elif", "else"):
+            only = re.match(r"!|.*\|\|", rest, flags=re.S) is None and word in ("if", "elif")
+            self.open.append(next((r for form, r in RUNG_CONDITIONS if only and form.search(rest)), None))
         if word in ("if", "ifdef", "ifndef", "elif"):
             self.conditions.append((number, rest))
         elif word == "define":
@@ -492,7 +517,10 @@ def check_words(source, types, host_only):
             text = token.text
             follows = tokens[i + 1].text if i + 1 < len(tokens) else ""
             before = tokens[i - 1].text if i else ""
+            rung = source.rungs.get(token.line)
             if token.kind == "number":
+                if rung == "double" and is_float_literal(text):
+                    continue
                 if is_float_literal(text) and text[-1] not in "fF":
                     if not (in_macro and source.path.startswith("common/") and not compat):
                         report(token.line, f"a literal without f is a double: {text}")
@@ -503,6 +531,8 @@ def check_words(source, types, host_only):
                 report(token.line, f"only {COMPAT} asks which compiler this is: {text}")
             elif text in host_only and source.path.startswith("kernels/"):
                 report(token.line, f"{text} is a double, for the host only")
+            elif rung == "double" and compat and text in RUNG_CALLS["double"]:
+                pass
             elif text in BANNED_WORDS and not compat:
                 report(token.line, BANNED_WORDS[text])
             elif text in BANNED_WORDS and text in ("double", "half", "goto", "bool"):
@@ -513,6 +543,8 @@ def check_words(source, types, host_only):
                 if text in KEYWORD_CALLS or text in types.defined or re.match(r"(rt|v3)_|RT_", text):
                     continue
                 if compat and (text in COMPAT_CALLS or before == "__asm"):
+                    continue
+                if compat and text in RUNG_CALLS.get(rung, ()):
                     continue
                 if in_macro and any(text in parameters for _, parameters, _, _ in source.macros):
                     continue
@@ -543,8 +575,9 @@ CLANG_FLAGS = [
     "-gline-tables-only", "-Wno-everything", "-S", "-emit-llvm"
 ]
 # What a kernel may call once everything of ours is inlined. llvm.* without a float operation are harmless.
-ALLOWED_CALL = re.compile(
-    r"llvm\.(fma\.f32|fabs\.f32|sqrt\.f32|copysign\.f32|memcpy\.\S+|memset\.\S+|lifetime\.\S+|dbg\.\S+|assume|"
+# FLOAT stands for the rung's own.
+ALLOWED_CALL = (
+    r"llvm\.(fma\.FLOAT|fabs\.FLOAT|sqrt\.FLOAT|copysign\.FLOAT|memcpy\.\S+|memset\.\S+|lifetime\.\S+|dbg\.\S+|assume|"
     r"experimental\.noalias\.scope\.decl|threadlocal\.address\S*|[us](min|max|add\.sat|sub\.sat)\.\S+|fsh[lr]\.\S+|"
     r"(bswap|ctpop|ctlz|cttz|abs)\.\S+)|sqrtf|fmaf")
 
@@ -633,8 +666,11 @@ def products_behind(body, name, seen):
     return found
 
 
-def check_module(text, root):
+def check_module(text, root, in_double=False):
+    """in_double: the module is of the double rung, which computes in double and in nothing else."""
     module = Module(text)
+    allowed_call = re.compile(ALLOWED_CALL.replace("FLOAT", "f64" if in_double else "f32"))
+    wrong_arithmetic = ["fadd", "fsub", "fmul", "fdiv", "frem", "fptrunc" if in_double else "fpext"]
     findings, bare = {}, {}
 
     def on_purpose(path, line):
@@ -658,22 +694,30 @@ def check_module(text, root):
                             continue
                         origin = describe(module.places(body[product][1]))
                         report(operands, f"a product feeds a bare + or - (rule 3): {origin}")
-            if operation in ("fadd", "fsub", "fmul", "fdiv", "frem", "fpext") and "double" in operands:
-                report(operands, "double arithmetic (rule 2)")
+            if operation in wrong_arithmetic and ("float" if in_double else "double") in operands:
+                report(operands, "float arithmetic in the double rung" if in_double else "double arithmetic (rule 2)")
             if operation == "frem":
                 report(operands, "a float remainder is a library call (rule 2)")
             if operation == "call":
                 callee = re.search(r"@([\w.$]+)\(", operands)
-                if callee and not ALLOWED_CALL.fullmatch(callee.group(1)):
+                if callee and not allowed_call.fullmatch(callee.group(1)):
                     if callee.group(1) not in module.functions:
                         report(operands, f"calls {callee.group(1)}, which no device promises (rule 2)")
     return list(findings.values())
 
 
+def included_with(root, unit):
+    """`unit` (paths under root) and the entry files that they include."""
+    paths = list(unit)
+    for path in paths:
+        paths += [p for p in re.findall(r'#include "(kernels/\w+\.cl)"', (root / path).read_text()) if p not in paths]
+    return paths
+
+
 def compile_host(clang, root, unit, defines):
     """LLVM's text of a translation unit that makes every entry point of `unit` (paths under root) visible."""
     entries = []
-    for path in sorted((root / "kernels").glob("*.cl")):
+    for path in (root / p for p in included_with(root, unit)):
         entries += re.findall(r"\bRT_KERNEL\((\w+)\)", strip_comments(path.read_text())[0])
     lines = ['#include "common/rt_compat.h"', "static thread_local rt_u32 rt_host_global_id;"]
     for path in unit:
@@ -710,6 +754,12 @@ def check_compiled(clang, root):
         if count == 0:
             raise RuntimeError("no entry point (RT_KERNEL) in kernels/*.cl")
         for finding in check_module(text, root):
+            findings.setdefault(str(finding), finding)
+    # The probe asks about float32.
+    if "kernels/render.cl" in texts:
+        variants.append(["-DRT_PRECISION=2"])
+        text, _ = compile_host(clang, root, ["kernels/render.cl"], variants[-1])
+        for finding in check_module(text, root, in_double=True):
             findings.setdefault(str(finding), finding)
     return sorted(findings.values(), key=lambda f: (f.path, f.line)), len(variants)
 
@@ -748,6 +798,14 @@ TEXT_FAULTS = {
     "target in #ifdef": "#ifdef __OPENCL_VERSION__\n#endif",
     "target in #elif": "#if 0\n#elif defined(__CUDACC__)\n#endif",
     "foreign include": "#include <math.h>",
+    "double literal in the fast rung": "#if RT_FAST(RT_FAST_ROOTS)\n#define F(a) ((a) - 1.0)\n#endif",
+    "double literal in other rungs": "#if RT_PRECISION == RT_PRECISION_DOUBLE\n#else\n#define F(a) ((a) - 1.0)\n#endif",
+    "approximation in a kernel": "#if RT_FAST(RT_FAST_ROOTS)\n#define F(a) native_sqrt(a)\n#endif",
+    "compat: approximation in every rung": "#define F(a) native_sqrt(a)",
+    "compat: approximation in the exact rung": "#if RT_FAST(RT_FAST_ROOTS)\n#else\n#define F(a) __sinf(a)\n#endif",
+    "compat: approximation in the double rung":
+        "#if RT_PRECISION == RT_PRECISION_DOUBLE\n#define F(a) native_recip(a)\n#endif",
+    "compat: double in the exact rung": "#if RT_PRECISION == RT_PRECISION_DOUBLE\n#endif\ntypedef double rt_planted;",
     "host constant": "RT_FN rt_float f(rt_float a) { return a - RT_PLANTED_HOST_CONSTANT; }",
 }
 TEXT_CLEAN = {
@@ -762,6 +820,11 @@ TEXT_CLEAN = {
     "product alone": "RT_FN rt_float f(rt_float a, rt_float b) { return -a * (b + a) * b; }",
     "pointer parameter": "RT_FN void f(RT_PRIVATE rt_float* a, RT_PRIVATE rt_float* b) { *a = *b + 1.0f; }",
     "comment": "/* a * b + c, pow(), 1.0, float3 */",
+    "double literal in the double rung":
+        "#if RT_PRECISION == RT_PRECISION_DOUBLE\nRT_FN rt_float f(rt_float a) { return a - 0x1.8p+1; }\n#endif",
+    "compat: approximation in the fast rung":
+        "#if RT_FAST(RT_FAST_ROOTS) && defined(RT_TARGET_OPENCL)\n#define F(a) native_sqrt(a)\n#endif",
+    "compat: double in the double rung": "#if RT_PRECISION == RT_PRECISION_DOUBLE\ntypedef double rt_planted;\n#endif",
     "field called min": "typedef struct u { rt_float min; } u;\nRT_FN rt_float f(u a) { return a.min; }",
 }
 
@@ -785,6 +848,15 @@ COMPILED_FAULTS = {
     "double arithmetic": ("", "out[0] = (float)((double)a * 0.1 * (double)b);"),
     "library function": ("", "out[0] = std::sin(a);"),
 }
+DOUBLE_FAULTS = {
+    "float arithmetic": ("", "float t = in[0] * in[1]; out[0] = t;"),
+    "rounded to float": ("RT_FN float half(float x) { return x * 0.5f; }\n", "out[0] = half((float)(a * b));"),
+    "product in a sum": ("RT_FN rt_float add(rt_float s, rt_float t) { return s + t; }\n",
+                         "RT_GLOBAL double* o = reinterpret_cast<double*>(out); *o = add(a * b, c);"),
+}
+DOUBLE_CLEAN = {
+    "float memory": ("", "RT_GLOBAL double* o = reinterpret_cast<double*>(out); *o = rt_fma(a, b, c) + 0.5f;"),
+}
 COMPILED_CLEAN = {
     "fma": ("", "out[0] = rt_fma(a, b, c) + a;"),
     "power of two": ("", "out[0] = a * 0x1p-24f + c;"),
@@ -800,11 +872,13 @@ def self_test(clang):
     for cases, wanted in ((TEXT_FAULTS, True), (TEXT_CLEAN, False)):
         for name, code in cases.items():
             count += 1
-            findings = check_text({**host, "kernels/planted.h": code})
+            path = COMPAT if name.startswith("compat: ") else "kernels/planted.h"
+            findings = check_text({**host, path: code})
             if bool(findings) != wanted:
                 failures.append(f"text, {name}: {'not found' if wanted else findings[0]}")
     if clang:
-        for cases, wanted in ((COMPILED_FAULTS, True), (COMPILED_CLEAN, False)):
+        for cases, wanted, in_double in ((COMPILED_FAULTS, True, False), (COMPILED_CLEAN, False, False),
+                                         (DOUBLE_FAULTS, True, True), (DOUBLE_CLEAN, False, True)):
             for name, (before, code) in cases.items():
                 count += 1
                 with tempfile.TemporaryDirectory() as work:
@@ -813,9 +887,11 @@ def self_test(clang):
                     (root / "kernels").mkdir()
                     shutil.copy(ROOT / COMPAT, root / COMPAT)
                     (root / "kernels/planted.cl").write_text(COMPILED_PRELUDE + before + COMPILED_KERNEL % code)
-                    findings = check_module(compile_host(clang, root, ["kernels/planted.cl"], [])[0], root)
+                    defines = ["-DRT_PRECISION=2"] if in_double else []
+                    text, _ = compile_host(clang, root, ["kernels/planted.cl"], defines)
+                    findings = check_module(text, root, in_double)
                 if bool(findings) != wanted:
-                    failures.append(f"compiled, {name}: {'not found' if wanted else findings[0]}")
+                    failures.append(f"compiled{', in double' if in_double else ''}, {name}: {'not found' if wanted else findings[0]}")
     for failure in failures:
         print(f"self-test: {failure}")
     print(f"lint_kernels: self-test, {count - len(failures)} of {count} cases right")

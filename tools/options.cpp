@@ -283,7 +283,10 @@ void add_device_options(CLI::App& app, RenderOptions& options, RawRender& raw)
 	add("--backend", options.device.backend, "NAME", "auto, cuda, opencl or reference (auto)");
 	add("-d,--device", options.device.device, "X",
 	    "index, part of a name, pci:... or uuid:...;\nseveral with commas share the work");
-	add("--precision", raw.precision, "NAME", "exact: the same bits on every device (exact)");
+	add("--precision", raw.precision, "NAME",
+	    "exact: the same bits on every device; fast: what\nthe device does best, no such promise; double:\n64-bit, "
+	    "slow, "
+	    "to check the others (exact)");
 	app.add_flag("--self-test", options.self_test_afresh, "test the device now, whatever is remembered")
 	    ->group("Device");
 	app.add_flag("--force-unverified", options.force_unverified,
@@ -357,9 +360,11 @@ Status check_rest(const RawRender& raw, RenderOptions& options)
 	    parse_word<Transfer>("--transfer", raw.transfer,
 	                         {{"srgb", Transfer::Srgb}, {"gamma2", Transfer::Gamma2}, {"linear", Transfer::Linear}}));
 	RT_TRY_ASSIGN(options.display.exposure_stops, parse_exposure(raw.exposure));
-	if (raw.precision != "exact")
-		return usage(fmt::format("--precision '{}' is not in this version of rt", raw.precision),
-		             "the only precision so far is exact, the default");
+	RT_TRY_ASSIGN(
+	    options.precision,
+	    parse_word<Precision>("--precision", raw.precision,
+	                          {{"exact", Precision::Exact}, {"fast", Precision::Fast}, {"double", Precision::Double}}));
+	options.device.precision = options.precision;
 	RT_TRY_ASSIGN(options.progress, parse_word<ProgressMode>("--progress", raw.progress,
 	                                                         {{"auto", ProgressMode::Auto},
 	                                                          {"plain", ProgressMode::Plain},
@@ -375,6 +380,8 @@ Status check_rest(const RawRender& raw, RenderOptions& options)
 		RT_TRY_ASSIGN(options.checkpoint_seconds,
 		              parse_number("--checkpoint-every", raw.checkpoint_seconds, {1, 86400}));
 	}
+	if (options.precision == Precision::Double && options.lanes > 1)
+		return usage(fmt::format("--precision double has one lane, not {}", options.lanes), "leave --lanes out");
 	options.specialise = !raw.generic;
 	if (options.quiet && options.verbose)
 		return usage("--quiet and --verbose exclude each other", "give one or the other");

@@ -4,6 +4,7 @@
 // be right. An option that was not given stays empty: its default is the scene's (RenderSettings) or the renderer's.
 #pragma once
 
+#include "backends/precision.h"
 #include "backends/registry.h"
 #include "render/display.h"
 #include "render/film.h"
@@ -34,6 +35,7 @@ struct RenderOptions {
 
 	DeviceRequest device;
 	Acceleration bvh = Acceleration::Auto;
+	Precision precision = Precision::Exact;
 	bool specialise = true;
 	std::uint32_t lanes = 0;
 	bool self_test_afresh = false;

@@ -85,9 +85,14 @@ Json run_json(const FilmOrigin& origin, const PhaseTimes& times)
 	Json devices = Json::array();
 	for (const DeviceHandle& device : origin.devices)
 		devices.push_back(device_json(device->info()));
-	return {{"version", RT_VERSION},        {"revision", RT_REVISION},     {"contract", RT_CONTRACT_VERSION},
-	        {"kernel_hash", kernel_hash()}, {"precision", precision_name}, {"self_test", origin.self_test},
-	        {"devices", devices},           {"seconds", seconds}};
+	return {{"version", RT_VERSION},
+	        {"revision", RT_REVISION},
+	        {"contract", RT_CONTRACT_VERSION},
+	        {"kernel_hash", kernel_hash()},
+	        {"precision", precision_name(origin.precision)},
+	        {"self_test", origin.self_test},
+	        {"devices", devices},
+	        {"seconds", seconds}};
 }
 
 Json frame_json(const FilmOrigin& origin, const PackedScene& packed, const PassResult& result, const Film& kept,

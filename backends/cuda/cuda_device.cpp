@@ -2,6 +2,7 @@
 
 #include "backends/cuda/generic_program.h"
 #include "backends/kernel_text.h"
+#include "backends/precision.h"
 #include "backends/program_cache.h"
 #include "backends/staging.h"
 
@@ -269,7 +270,7 @@ Status CudaDevice::build_compiled(const ProgramSpec& spec, CudaProgram& program)
 {
 	RT_TRY_ASSIGN(const NvrtcTarget target, nvrtc_->target_for(capability_));
 	RT_TRY_ASSIGN(std::string text, flatten_program(spec));
-	const std::vector<std::string> options = nvrtc_options(integer_define(spec, "RT_DEF_CONTRACT", 0) != 0);
+	const std::vector<std::string> options = nvrtc_options(lets_compiler_fuse(spec), flushes_subnormals(spec));
 	BuildReport& report = program.report_to_fill();
 	report.options = target.option();
 	for (const std::string& option : options)
@@ -292,6 +293,14 @@ Status CudaDevice::build_compiled(const ProgramSpec& spec, CudaProgram& program)
 
 Status CudaDevice::build_embedded(const ProgramSpec& spec, CudaProgram& program)
 {
+	if (const std::uint32_t precision = integer_define(spec, "RT_PRECISION", RT_PRECISION_EXACT);
+	    precision != RT_PRECISION_EXACT)
+		return Error{ErrorKind::Build,
+		             fmt::format("the kernels that are shipped compiled are exact, and precision {} needs a compiler",
+		                         precision_name(static_cast<Precision>(precision))),
+		             context_->where(),
+		             fmt::format("use --precision exact, or install NVRTC\n{}", nvrtc_packages()),
+		             {}};
 	const std::string key = generic_key(spec);
 	for (const EmbeddedPtx* row = embedded_ptx; row->key; ++row) {
 		if (key != row->key)

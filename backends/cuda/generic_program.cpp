@@ -20,7 +20,8 @@ bool is_ignored(const std::string& name)
 
 bool is_default(const std::string& name, const std::string& value)
 {
-	return (name == "RT_LANES" && value == fmt::to_string(RT_LANES)) ||
+	return (name == "RT_PRECISION" && value == fmt::to_string(RT_PRECISION)) ||
+	       (name == "RT_LANES" && value == fmt::to_string(RT_LANES)) ||
 	       (name == "RT_DEF_NATIVE_ROOTS" && value == fmt::to_string(RT_DEF_NATIVE_ROOTS));
 }
 

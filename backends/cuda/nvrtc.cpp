@@ -175,10 +175,10 @@ Result<NvrtcOutput> Nvrtc::compile(const std::string& text, const std::string& n
 	return output;
 }
 
-std::vector<std::string> nvrtc_options(bool contract)
+std::vector<std::string> nvrtc_options(bool contract, bool flush)
 {
-	return {"--std=c++17", contract ? "--fmad=true" : "--fmad=false", "--ftz=false", "--prec-div=true",
-	        "--prec-sqrt=true"};
+	return {"--std=c++17", contract ? "--fmad=true" : "--fmad=false", flush ? "--ftz=true" : "--ftz=false",
+	        "--prec-div=true", "--prec-sqrt=true"};
 }
 
 const char* nvrtc_packages()

@@ -1,7 +1,7 @@
 // nvrtc.h: NVIDIA's run-time compiler, found when rt runs; it needs no GPU and no driver.
 //
 // Every program of rt is compiled with the options of nvrtc_options(): no contraction, no flushing of subnormals,
-// correctly rounded division and square root (docs/contract.md, rules 3 and 4).
+// correctly rounded division and square root (docs/contract.md, rules 3 and 4). The fast rung lets the first two go.
 #pragma once
 
 #include "support/dynamic_library.h"
@@ -81,7 +81,7 @@ private:
 
 // The options that keep the contract; the target's option is added by compile(). `contract` lets the compiler fuse
 // products and sums, for the tests that show that it finds none (RT_DEF_CONTRACT).
-std::vector<std::string> nvrtc_options(bool contract = false);
+std::vector<std::string> nvrtc_options(bool contract = false, bool flush = false);
 
 // The packages that bring NVRTC, one distribution a line.
 const char* nvrtc_packages();

@@ -1,6 +1,7 @@
 #include "backends/opencl/opencl_device.h"
 
 #include "backends/kernel_text.h"
+#include "backends/precision.h"
 #include "backends/program_cache.h"
 #include "backends/staging.h"
 
@@ -146,7 +147,10 @@ public:
 		if (takes_ptx())
 			with_probe.defines.emplace_back("RT_DEF_PTX", "1");
 		RT_TRY_ASSIGN(const std::string text, flatten_program(with_probe));
-		RT_TRY_ASSIGN(OpenClProgramHandle program, build_text(text, spec.entries));
+		std::string options = record_.options;
+		if (flushes_subnormals(spec))
+			options += " -cl-denorms-are-zero";
+		RT_TRY_ASSIGN(OpenClProgramHandle program, build_text(text, spec.entries, options));
 		program->editable_report().seconds =
 		    std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 		return ProgramHandle(std::move(program));
@@ -343,22 +347,23 @@ private:
 
 	// ---- building ----
 
-	Result<OpenClProgramHandle> build_text(const std::string& text, const std::vector<std::string>& entries)
+	Result<OpenClProgramHandle> build_text(const std::string& text, const std::vector<std::string>& entries,
+	                                       const std::string& options)
 	{
 		if (record_.driver_caches_code)
-			return from_source(text, entries);
-		const CacheKey key{"opencl", info_.platform, info_.name, info_.driver, cache_environment(), record_.options,
-		                   text};
+			return from_source(text, entries, options);
+		const CacheKey key{"opencl", info_.platform, info_.name, info_.driver, cache_environment(), options, text};
 		if (const auto binary = cache_load(key))
-			if (OpenClProgramHandle program = from_binary(*binary, text, entries))
+			if (OpenClProgramHandle program = from_binary(*binary, text, entries, options))
 				return program;
-		RT_TRY_ASSIGN(OpenClProgramHandle program, from_source(text, entries));
+		RT_TRY_ASSIGN(OpenClProgramHandle program, from_source(text, entries, options));
 		if (const std::vector<std::uint8_t> binary = binary_of(*program); !binary.empty())
 			cache_store(key, binary);
 		return program;
 	}
 
-	Result<OpenClProgramHandle> from_source(const std::string& text, const std::vector<std::string>& entries)
+	Result<OpenClProgramHandle> from_source(const std::string& text, const std::vector<std::string>& entries,
+	                                        const std::string& options)
 	{
 		const char* start = text.data();
 		const std::size_t bytes = text.size();
@@ -367,8 +372,8 @@ private:
 		if (code != CL_SUCCESS)
 			return context_->error("clCreateProgramWithSource", code);
 		auto program = std::make_shared<OpenClProgram>(context_, handle);
-		code = api_.BuildProgram(handle, 1, &context_->device, record_.options.c_str(), nullptr, nullptr);
-		fill_report(*program, text);
+		code = api_.BuildProgram(handle, 1, &context_->device, options.c_str(), nullptr, nullptr);
+		fill_report(*program, text, options);
 		if (code != CL_SUCCESS) {
 			Error error = context_->error("clBuildProgram", code);
 			if (error.kind != ErrorKind::Memory)
@@ -390,7 +395,7 @@ private:
 
 	// Null if the driver does not take its own binary any more: a reason to compile again, not an error.
 	OpenClProgramHandle from_binary(const std::vector<std::uint8_t>& binary, const std::string& text,
-	                                const std::vector<std::string>& entries)
+	                                const std::vector<std::string>& entries, const std::string& options)
 	{
 		const unsigned char* start = binary.data();
 		const std::size_t bytes = binary.size();
@@ -401,12 +406,12 @@ private:
 			return nullptr;
 		auto program = std::make_shared<OpenClProgram>(context_, handle);
 		if (code != CL_SUCCESS || status != CL_SUCCESS ||
-		    api_.BuildProgram(handle, 1, &context_->device, record_.options.c_str(), nullptr, nullptr) != CL_SUCCESS)
+		    api_.BuildProgram(handle, 1, &context_->device, options.c_str(), nullptr, nullptr) != CL_SUCCESS)
 			return nullptr;
 		for (const std::string& entry : entries)
 			if (!program->kernel(entry))
 				return nullptr;
-		fill_report(*program, text);
+		fill_report(*program, text, options);
 		program->editable_report().from_cache = true;
 		return program;
 	}
@@ -426,13 +431,13 @@ private:
 		return binary;
 	}
 
-	void fill_report(OpenClProgram& program, const std::string& text) const
+	void fill_report(OpenClProgram& program, const std::string& text, const std::string& options) const
 	{
 		const auto build_info = [this](cl_program handle, cl_program_build_info what, std::size_t bytes, void* value,
 		                               std::size_t* needed) {
 			return api_.GetProgramBuildInfo(handle, context_->device, what, bytes, value, needed);
 		};
-		program.editable_report().options = record_.options;
+		program.editable_report().options = options;
 		std::size_t bytes = 0;
 		if (build_info(program.program(), CL_PROGRAM_BUILD_LOG, 0, nullptr, &bytes) != CL_SUCCESS || bytes == 0)
 			return;
@@ -471,7 +476,7 @@ __kernel void rt_ptx_probe(__global uint* heard)
 }
 )";
 		constexpr const char* entry = "rt_ptx_probe";
-		RT_TRY_ASSIGN(const OpenClProgramHandle program, build_text(text, {entry}));
+		RT_TRY_ASSIGN(const OpenClProgramHandle program, build_text(text, {entry}, record_.options));
 		std::uint32_t heard[2 * warp] = {};
 		RT_TRY_ASSIGN(const BufferHandle buffer, alloc(sizeof heard));
 		RT_TRY(write(buffer, 0, heard, sizeof heard));

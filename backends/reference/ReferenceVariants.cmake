@@ -8,9 +8,9 @@ set(RT_REFERENCE_DECLARATIONS "")
 set(RT_REFERENCE_TABLE "")
 
 # After the instruction set: SOFTWARE_ROOTS, and CONTRACTED: the compiler may fuse, which tests use to show that it
-# finds nothing to fuse (rule 3).
+# finds nothing to fuse (rule 3); or one of FAST and DOUBLE, the rungs beside the exact one (common/rt_compat.h).
 function(rt_reference_variant name lanes features instruction_set)
-  cmake_parse_arguments(PARSE_ARGV 4 variant "SOFTWARE_ROOTS;CONTRACTED" "" "")
+  cmake_parse_arguments(PARSE_ARGV 4 variant "SOFTWARE_ROOTS;CONTRACTED;FAST;DOUBLE" "" "")
   set(native_roots 1)
   if(variant_SOFTWARE_ROOTS)
     set(native_roots 0)
@@ -19,12 +19,18 @@ function(rt_reference_variant name lanes features instruction_set)
   if(variant_CONTRACTED)
     set(contracted 1)
   endif()
+  set(precision 0)
+  if("FAST" IN_LIST ARGN)
+    set(precision 1)
+  elseif("DOUBLE" IN_LIST ARGN)
+    set(precision 2)
+  endif()
   set(target rt_reference_${name})
   add_library(${target} OBJECT reference/reference_kernels.cpp)
   target_include_directories(${target} PRIVATE "${PROJECT_SOURCE_DIR}")
   target_compile_definitions(${target} PRIVATE RT_VARIANT=${name} RT_LANES=${lanes} RT_FEATURES=${features}
                              RT_DEF_NATIVE_ROOTS=${native_roots} RT_DEF_CONTRACT=${contracted}
-                             RT_VARIANT_SET=${instruction_set})
+                             RT_VARIANT_SET=${instruction_set} RT_PRECISION=${precision})
   # -O3 whatever the preset: this is a backend. Passing vectors wider than a register has no settled ABI, which does
   # not matter within one object.
   target_compile_options(${target} PRIVATE -O3 -fno-math-errno -Wno-psabi)
@@ -32,7 +38,10 @@ function(rt_reference_variant name lanes features instruction_set)
     target_compile_options(${target} PRIVATE -march=x86-64-v${instruction_set})
   endif()
   target_link_libraries(${target} PRIVATE rt_warnings rt_kernel_warnings)
-  if(contracted)
+  if(precision EQUAL 2)
+    target_link_libraries(${target} PRIVATE rt_double_warnings)
+  endif()
+  if(contracted OR precision EQUAL 1)
     target_compile_options(${target} PRIVATE -ffp-contract=fast)
   else()
     target_link_libraries(${target} PRIVATE rt_strict_fp)
@@ -49,6 +58,8 @@ if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
   set(RT_FAST_LANES 8)
   rt_reference_variant(generic_baseline 1 0x1fffu 0)
   rt_reference_variant(generic_16_v4 16 0x1fffu 4)
+  rt_reference_variant(fast_baseline 1 0x1fffu 0 FAST)
+  rt_reference_variant(double_baseline 1 0x1fffu 0 DOUBLE)
 else()
   set(RT_FAST 0)
   set(RT_FAST_LANES 4)
@@ -59,14 +70,26 @@ foreach(lanes 1 4 8 16)
 endforeach()
 foreach(lanes 1 ${RT_FAST_LANES})
   rt_reference_variant(generic_${lanes}_contracted ${lanes} 0x1fffu ${RT_FAST} CONTRACTED)
+  rt_reference_variant(fast_generic_${lanes} ${lanes} 0x1fffu ${RT_FAST} FAST)
 endforeach()
-rt_reference_variant(matte ${RT_FAST_LANES} 0x301u ${RT_FAST})    # lambertian, sky, gradient
-rt_reference_variant(classic ${RT_FAST_LANES} 0x70fu ${RT_FAST})  # + metal, fuzz, dielectric, wide
-rt_reference_variant(lens ${RT_FAST_LANES} 0x78fu ${RT_FAST})     # + defocus
-rt_reference_variant(textured ${RT_FAST_LANES} 0x76fu ${RT_FAST}) # classic + checker, image
-rt_reference_variant(cloud ${RT_FAST_LANES} 0x1b01u ${RT_FAST})   # matte + permuted, bvh
-rt_reference_variant(crowd ${RT_FAST_LANES} 0x1f8fu ${RT_FAST})   # lens + permuted, bvh
-rt_reference_variant(lamps ${RT_FAST_LANES} 0x41fu ${RT_FAST})    # lambertian, metal, fuzz, dielectric, emission, wide
+rt_reference_variant(double_generic 1 0x1fffu ${RT_FAST} DOUBLE)
+# The feature masks that shipped scenes need.
+foreach(rung exact fast)
+  set(prefix "")
+  set(option "")
+  if(rung STREQUAL "fast")
+    set(prefix "fast_")
+    set(option FAST)
+  endif()
+  rt_reference_variant(${prefix}matte ${RT_FAST_LANES} 0x301u ${RT_FAST} ${option})    # lambertian, sky, gradient
+  rt_reference_variant(${prefix}classic ${RT_FAST_LANES} 0x70fu ${RT_FAST} ${option})  # + metal, fuzz, dielectric, wide
+  rt_reference_variant(${prefix}lens ${RT_FAST_LANES} 0x78fu ${RT_FAST} ${option})     # + defocus
+  rt_reference_variant(${prefix}textured ${RT_FAST_LANES} 0x76fu ${RT_FAST} ${option}) # classic + checker, image
+  rt_reference_variant(${prefix}cloud ${RT_FAST_LANES} 0x1b01u ${RT_FAST} ${option})   # matte + permuted, bvh
+  rt_reference_variant(${prefix}crowd ${RT_FAST_LANES} 0x1f8fu ${RT_FAST} ${option})   # lens + permuted, bvh
+  rt_reference_variant(${prefix}lamps ${RT_FAST_LANES} 0x41fu ${RT_FAST} ${option})    # lambertian, metal, fuzz,
+                                                                                       # dielectric, emission, wide
+endforeach()
 
 file(CONFIGURE OUTPUT "${CMAKE_CURRENT_BINARY_DIR}/reference_variants.cpp" CONTENT
 "// Made by ReferenceVariants.cmake; do not edit.

@@ -1,7 +1,9 @@
 #include "backends/reference/reference_backend.h"
 
+#include "backends/precision.h"
 #include "backends/reference/reference_kernels.h"
 #include "common/rt_features.h"
+#include "support/float_environment.h"
 #include "support/thread_pool.h"
 
 #include <algorithm>
@@ -9,6 +11,7 @@
 #include <fmt/format.h>
 #include <fstream>
 #include <new>
+#include <optional>
 #include <unistd.h>
 
 namespace rt {
@@ -35,7 +38,8 @@ private:
 
 class HostProgram final : public Program {
 public:
-	HostProgram(const ReferenceVariant& variant, BuildReport report) : variant_(variant)
+	HostProgram(const ReferenceVariant& variant, bool flushes, BuildReport report)
+	    : variant_(variant), flushes_(flushes)
 	{
 		report_ = std::move(report);
 	}
@@ -48,8 +52,11 @@ public:
 		return nullptr;
 	}
 
+	bool flushes() const { return flushes_; }
+
 private:
 	const ReferenceVariant& variant_;
+	bool flushes_;
 };
 
 // The instruction set of ReferenceVariant that this processor has.
@@ -75,6 +82,7 @@ struct Wanted {
 	std::uint32_t features = RT_FEATURE_ALL;
 	bool native_roots = true;
 	bool contracted = false;
+	std::uint32_t precision = RT_PRECISION_EXACT;
 };
 
 // The variant with the fewest features that has all that are needed; the newest instruction set before the others.
@@ -89,7 +97,7 @@ const ReferenceVariant* choose_variant(const Wanted& wanted)
 		const ReferenceVariant& variant = *reference_variants[i];
 		if (variant.lanes != wanted.lanes || (wanted.features & ~variant.features) != 0 ||
 		    variant.native_roots != wanted.native_roots || variant.contracted != wanted.contracted ||
-		    variant.instruction_set > instruction_set)
+		    variant.precision != wanted.precision || variant.instruction_set > instruction_set)
 			continue;
 		if (!best || rank(variant) < rank(*best))
 			best = &variant;
@@ -107,7 +115,8 @@ std::uint32_t fastest_lanes()
 	};
 	for (unsigned i = 0; i < reference_variant_count; ++i) {
 		const ReferenceVariant& variant = *reference_variants[i];
-		if (variant.instruction_set <= instruction_set && (!best || rank(variant) < rank(*best)))
+		if (variant.precision == RT_PRECISION_EXACT && variant.instruction_set <= instruction_set &&
+		    (!best || rank(variant) < rank(*best)))
 			best = &variant;
 	}
 	return best ? best->lanes : 1;
@@ -122,14 +131,23 @@ public:
 		Wanted wanted;
 		wanted.lanes = integer_define(spec, "RT_LANES", 1);
 		wanted.features = integer_define(spec, "RT_FEATURES", RT_FEATURE_ALL);
-		wanted.native_roots = integer_define(spec, "RT_DEF_NATIVE_ROOTS", 1) != 0;
+		wanted.precision = integer_define(spec, "RT_PRECISION", RT_PRECISION_EXACT);
+		wanted.native_roots =
+		    wanted.precision != RT_PRECISION_EXACT || integer_define(spec, "RT_DEF_NATIVE_ROOTS", 1) != 0;
 		wanted.contracted = integer_define(spec, "RT_DEF_CONTRACT", 0) != 0;
+		if (integer_define(spec, "RT_DEF_FAST", RT_FAST_ALL) != RT_FAST_ALL)
+			return Error{ErrorKind::Build,
+			             "the reference backend has the fast rung only as a whole",
+			             {},
+			             "measure its parts on another backend",
+			             {}};
 		const ReferenceVariant* variant = choose_variant(wanted);
 		if (!variant)
 			return Error{ErrorKind::Build,
-			             fmt::format("no compiled variant of the kernels has {} lanes, features {:#x} and {} roots for "
-			                         "this processor",
-			                         wanted.lanes, wanted.features, wanted.native_roots ? "native" : "software"),
+			             fmt::format("no compiled variant of the kernels has {} lanes, features {:#x} and {} roots in "
+			                         "precision {} for this processor",
+			                         wanted.lanes, wanted.features, wanted.native_roots ? "native" : "software",
+			                         precision_name(static_cast<Precision>(wanted.precision))),
 			             {},
 			             wanted.lanes == info_.native_lanes ? "" : fmt::format("use {} lanes", info_.native_lanes),
 			             {}};
@@ -138,8 +156,8 @@ public:
 		report.options = "-O3";
 		if (variant->instruction_set)
 			report.options += fmt::format(" -march=x86-64-v{}", variant->instruction_set);
-		report.options += wanted.contracted ? " -ffp-contract=fast" : " -ffp-contract=off";
-		auto program = std::make_shared<HostProgram>(*variant, std::move(report));
+		report.options += lets_compiler_fuse(spec) ? " -ffp-contract=fast" : " -ffp-contract=off";
+		auto program = std::make_shared<HostProgram>(*variant, flushes_subnormals(spec), std::move(report));
 		for (const std::string& entry : spec.entries)
 			if (!program->find(entry))
 				return Error{ErrorKind::Build, "there is no kernel of the name " + entry, spec.root, {}, {}};
@@ -176,6 +194,9 @@ public:
 		// A tile of 32 pixels is a piece unless the caller wants other groups.
 		const std::uint32_t tile_items = 32 / host_program->lanes();
 		parallel_for(items, group_size ? group_size : tile_items, [&](std::uint64_t begin, std::uint64_t end) {
+			std::optional<FlushingFloatEnvironment> flushing;
+			if (host_program->flushes())
+				flushing.emplace();
 			kernel->run(places.data(), static_cast<std::uint32_t>(begin), static_cast<std::uint32_t>(end));
 		});
 		return success();

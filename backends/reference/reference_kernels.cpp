@@ -1,5 +1,5 @@
-// Compiled once for each variant, with RT_LANES, RT_FEATURES, RT_DEF_NATIVE_ROOTS, RT_DEF_CONTRACT, RT_VARIANT (an
-// identifier) and RT_VARIANT_SET (its instruction set).
+// Compiled once for each variant, with RT_LANES, RT_FEATURES, RT_DEF_NATIVE_ROOTS, RT_DEF_CONTRACT, RT_PRECISION,
+// RT_VARIANT (an identifier) and RT_VARIANT_SET (its instruction set).
 #include "backends/reference/reference_kernels.h"
 
 namespace {
@@ -7,7 +7,12 @@ namespace {
 thread_local unsigned rt_host_global_id = 0;
 } // namespace
 
+// The probe asks about float32.
+#if RT_PRECISION == 2
+#include "kernels/render.cl"
+#else
 #include "kernels/probe.cl" // includes kernels/render.cl
+#endif
 
 #include <tuple>
 #include <utility>
@@ -54,11 +59,11 @@ constexpr ReferenceKernel entry(const char* name)
 }
 
 constexpr ReferenceKernel kernels[] = {
-    entry<rt_clear>("rt_clear"),
-    entry<rt_merge>("rt_merge"),
+    entry<rt_clear>("rt_clear"),   entry<rt_merge>("rt_merge"),
     entry<rt_render>("rt_render"),
-    entry<rt_probe>("rt_probe"),
-    entry<rt_probe_layout>("rt_probe_layout"),
+#if RT_PRECISION != RT_PRECISION_DOUBLE
+    entry<rt_probe>("rt_probe"),   entry<rt_probe_layout>("rt_probe_layout"),
+#endif
 };
 
 #define RT_QUOTE_(x) #x
@@ -68,7 +73,7 @@ constexpr ReferenceKernel kernels[] = {
 
 extern const ReferenceVariant RT_VARIANT;
 const ReferenceVariant RT_VARIANT = {
-    RT_QUOTE(RT_VARIANT), RT_LANES,       RT_FEATURES, RT_DEF_NATIVE_ROOTS != 0,
-    RT_DEF_CONTRACT != 0, RT_VARIANT_SET, kernels,     sizeof kernels / sizeof kernels[0]};
+    RT_QUOTE(RT_VARIANT), RT_LANES,     RT_FEATURES, RT_DEF_NATIVE_ROOTS != 0,          RT_DEF_CONTRACT != 0,
+    RT_VARIANT_SET,       RT_PRECISION, kernels,     sizeof kernels / sizeof kernels[0]};
 
 } // namespace rt

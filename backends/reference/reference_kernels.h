@@ -22,6 +22,7 @@ struct ReferenceVariant {
 	bool native_roots;
 	bool contracted;          // the compiler may fuse products and sums, and finds none: for the tests of rule 3
 	unsigned instruction_set; // it needs x86-64-v3 (AVX2, FMA) or x86-64-v4 (AVX-512): 3 or 4; 0: what rt is built for
+	unsigned precision;       // RT_PRECISION
 	const ReferenceKernel* kernels;
 	unsigned kernel_count;
 };

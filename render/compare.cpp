@@ -296,7 +296,7 @@ public:
 		}
 		RT_TRY_ASSIGN(const Values values, Values::of(a_, b_));
 		result_.notes = values.notes;
-		if (a_.window.x != b_.window.x || a_.window.y != b_.window.y)
+		if (a_.knows_window && b_.knows_window && (a_.window.x != b_.window.x || a_.window.y != b_.window.y))
 			result_.notes.push_back("the files hold different windows of the image; positions are those of A");
 		if (a_.film && b_.film && a_.film->exponent() != b_.film->exponent())
 			result_.notes.push_back(

@@ -11,7 +11,8 @@ namespace rt {
 
 namespace {
 
-using Plane = std::vector<float>;
+// In double: the square root in feature_error() would make a rounding of 1e-7 into 3e-4.
+using Plane = std::vector<double>;
 using Kernel = std::vector<double>;
 using Colour = std::array<double, 3>;
 using Matrix = std::array<Colour, 3>;
@@ -117,17 +118,17 @@ void for_each_row(std::size_t height, Body body)
 // ---- filters -----------------------------------------------------------------------------------------------------
 
 // Filters one row into `out`; pixels beyond the ends are those at the ends.
-void filter_row(const float* in, std::size_t width, const Kernel& kernel, std::vector<double>& padded, float* out)
+void filter_row(const double* in, std::size_t width, const Kernel& kernel, std::vector<double>& padded, double* out)
 {
 	const std::size_t radius = kernel.size() / 2;
 	padded.assign(width + 2 * radius, 0);
 	for (std::size_t i = 0; i < padded.size(); ++i)
-		padded[i] = static_cast<double>(in[std::min(i < radius ? 0 : i - radius, width - 1)]);
+		padded[i] = in[std::min(i < radius ? 0 : i - radius, width - 1)];
 	for (std::size_t x = 0; x < width; ++x) {
 		double sum = 0;
 		for (std::size_t k = 0; k < kernel.size(); ++k)
 			sum += kernel[k] * padded[x + k];
-		out[x] = static_cast<float>(sum);
+		out[x] = sum;
 	}
 }
 
@@ -154,10 +155,10 @@ public:
 			for (std::size_t k = 0; k < kernel.size(); ++k) {
 				const std::size_t row = std::min(y + k < radius ? 0 : y + k - radius, height_ - 1);
 				for (std::size_t x = 0; x < width_; ++x)
-					sums[x] += kernel[k] * static_cast<double>(in[row * width_ + x]);
+					sums[x] += kernel[k] * in[row * width_ + x];
 			}
 			for (std::size_t x = 0; x < width_; ++x)
-				out[y * width_ + x] = static_cast<float>(sums[x]);
+				out[y * width_ + x] = sums[x];
 		});
 		return out;
 	}
@@ -221,7 +222,7 @@ Plane blurred(const Filters& filters, const Plane& plane, const Sensitivity& cha
 		const Plane one = filters.down(filters.across(plane, kernel), kernel);
 		const double share = weights[i] / total;
 		for (std::size_t p = 0; p < one.size(); ++p)
-			result[p] = static_cast<float>(static_cast<double>(result[p]) + share * static_cast<double>(one[p]));
+			result[p] = result[p] + share * one[p];
 	}
 	return result;
 }
@@ -281,8 +282,8 @@ Seen see(const FlipPicture& picture, double pixels_per_degree)
 		const float* rgb = picture.rgb.data() + 3 * i;
 		const Colour opponent = opponent_of({within_display(rgb[0]), within_display(rgb[1]), within_display(rgb[2])});
 		for (std::size_t c = 0; c < 3; ++c)
-			planes[c][i] = static_cast<float>(opponent[c]);
-		luminance[i] = static_cast<float>((opponent[0] + 16) / 116);
+			planes[c][i] = opponent[c];
+		luminance[i] = (opponent[0] + 16) / 116;
 	}
 	Seen seen;
 	seen.features = features_of(filters, luminance, pixels_per_degree);
@@ -291,8 +292,7 @@ Seen see(const FlipPicture& picture, double pixels_per_degree)
 	seen.colours.resize(pixels);
 	for_each_row(picture.height, [&](std::size_t y) {
 		for (std::size_t i = y * picture.width; i < (y + 1) * picture.width; ++i) {
-			Colour rgb = rgb_of_opponent({static_cast<double>(planes[0][i]), static_cast<double>(planes[1][i]),
-			                              static_cast<double>(planes[2][i])});
+			Colour rgb = rgb_of_opponent({planes[0][i], planes[1][i], planes[2][i]});
 			for (double& value : rgb)
 				value = std::clamp(value, 0.0, 1.0);
 			seen.colours[i] = hunt_lab(rgb);
@@ -321,8 +321,8 @@ private:
 
 double feature_error(const Features& a, const Features& b, std::size_t pixel)
 {
-	const double edges = std::fabs(static_cast<double>(a.edges[pixel]) - static_cast<double>(b.edges[pixel]));
-	const double points = std::fabs(static_cast<double>(a.points[pixel]) - static_cast<double>(b.points[pixel]));
+	const double edges = std::fabs(a.edges[pixel] - b.edges[pixel]);
+	const double points = std::fabs(a.points[pixel] - b.points[pixel]);
 	return std::sqrt(std::max(edges, points) / std::sqrt(2.0));
 }
 

@@ -129,6 +129,7 @@ LoadedImage image_of(Film film, Provenance provenance, std::string name)
 	image.image_width = film.image_width();
 	image.image_height = film.image_height();
 	image.window = film.window();
+	image.knows_window = true;
 	image.values.reserve(film.sums().size());
 	for (std::uint32_t y = 0; y < film.window().height; ++y)
 		for (std::uint32_t x = 0; x < film.window().width; ++x)

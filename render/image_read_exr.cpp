@@ -103,6 +103,7 @@ Result<LoadedImage> decode(const std::uint8_t* data, std::size_t bytes, const st
 	// A window within the whole image, as rt writes it; elsewhere the data window may lie anywhere.
 	if (box.min.x >= display.min.x && box.min.y >= display.min.y && box.max.x <= display.max.x &&
 	    box.max.y <= display.max.y) {
+		image.knows_window = true;
 		image.image_width = static_cast<std::uint32_t>(size(display.min.x, display.max.x));
 		image.image_height = static_cast<std::uint32_t>(size(display.min.y, display.max.y));
 		image.window.x = static_cast<std::uint32_t>(size(display.min.x, box.min.x) - 1);

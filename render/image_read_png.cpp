@@ -60,6 +60,31 @@ void take_text(std::string_view type, std::string_view data, Provenance& provena
 	provenance.emplace_back(key, data);
 }
 
+// The part of the image that the provenance tells, if it is one of this size.
+void read_window(LoadedImage& image)
+{
+	const std::string text = provenance_value(image.provenance, "Window") + "," +
+	                         provenance_value(image.provenance, "Width") + "," +
+	                         provenance_value(image.provenance, "Height");
+	std::uint32_t sides[6]; // x0, x1, y0, y1, width, height
+	const char *at = text.data(), *const last = text.data() + text.size();
+	for (std::uint32_t& side : sides) {
+		const auto [end, error] = std::from_chars(at, last, side);
+		if (error != std::errc() || (end != last && *end != ','))
+			return;
+		at = end == last ? last : end + 1;
+	}
+	const auto [x0, x1, y0, y1, width, height] = sides;
+	if (x0 >= x1 || y0 >= y1 || x1 - x0 != image.window.width || y1 - y0 != image.window.height || x1 > width ||
+	    y1 > height)
+		return;
+	image.window.x = x0;
+	image.window.y = y0;
+	image.image_width = width;
+	image.image_height = height;
+	image.knows_window = true;
+}
+
 // Provenance and transfer. libpng has read the whole file and found its chunks and checksums right.
 void read_chunks(const std::uint8_t* data, std::size_t bytes, LoadedImage& image)
 {
@@ -84,6 +109,7 @@ void read_chunks(const std::uint8_t* data, std::size_t bytes, LoadedImage& image
 		}
 		at += length + 12;
 	}
+	read_window(image);
 	const std::string stops = provenance_value(image.provenance, "Exposure");
 	double exposure = 0;
 	const auto [end, error] = std::from_chars(stops.data(), stops.data() + stops.size(), exposure);

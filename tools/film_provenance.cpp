@@ -53,6 +53,8 @@ std::string self_test_of(const FilmOrigin& origin)
 
 } // namespace
 
+std::string software_text() { return fmt::format("rt {} ({})", RT_VERSION, RT_REVISION); }
+
 std::string window_text(const Window& window)
 {
 	return fmt::format("{},{},{},{}", window.x, window.x + window.width, window.y, window.y + window.height);
@@ -76,7 +78,7 @@ Provenance provenance_of(const FilmOrigin& origin, const Film& film, const std::
 	for (const DeviceStats& device : stats)
 		build_options.add(device.build.options);
 	Provenance all = {
-	    {"Software", fmt::format("rt {} ({})", RT_VERSION, RT_REVISION)},
+	    {"Software", software_text()},
 	    {"Contract", std::to_string(RT_CONTRACT_VERSION)},
 	    {"Scene", origin.scene},
 	    {"SceneHash", origin.scene_hash.hex()},

@@ -35,6 +35,8 @@ struct FilmOrigin {
 // In the order and with the keys of provenance.h. `stats` may be empty while a render is under way.
 Provenance provenance_of(const FilmOrigin& origin, const Film& film, const std::vector<DeviceStats>& stats);
 
+// "rt 0.1.0 (1234abc)"
+std::string software_text();
 // "0,640,0,480": a window as --crop takes it.
 std::string window_text(const Window& window);
 // "128", or "12 to 14" of an uneven film.

@@ -5,6 +5,7 @@
 #pragma once
 
 #include "backends/registry.h"
+#include "render/compare.h"
 #include "render/display.h"
 #include "render/film.h"
 #include "render/scene.h"
@@ -57,12 +58,21 @@ struct InfoOptions {
 	bool json = false;
 };
 
+struct CompareOptions {
+	std::string a, b;
+	CompareSettings settings;
+	std::string output; // of the difference image; empty: none
+	bool output_if_different = false;
+	std::optional<double> scale;
+	bool json = false, quiet = false;
+};
+
 // --help and --version: text for standard output, and nothing else to do.
 struct TextRequest {
 	std::string text;
 };
 
-using CommandLine = std::variant<RenderOptions, DevicesOptions, InfoOptions, TextRequest>;
+using CommandLine = std::variant<RenderOptions, DevicesOptions, InfoOptions, CompareOptions, TextRequest>;
 
 Result<CommandLine> parse_command_line(int argc, const char* const* argv);
 

@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cstring>
 #include <new>
 #include <string_view>
@@ -37,6 +38,26 @@ Result<LoadedImage> decode_any(const std::uint8_t* data, std::size_t bytes, cons
 	             name,
 	             bytes == 0 ? "copy the file again or render it again" : "convert it to one of them",
 	             {}};
+}
+
+// What a file says is shown on terminals and in reports: cleaned, and cut where nobody reads on.
+void clean_metadata(LoadedImage& image)
+{
+	constexpr std::size_t max_entries = 256, max_characters = 4096;
+	if (image.provenance.size() > max_entries)
+		image.provenance.resize(max_entries);
+	if (image.left_out.size() > max_entries)
+		image.left_out.resize(max_entries);
+	const auto clean = [](std::string& text) {
+		text = clean_text(std::string_view(text).substr(0, max_characters));
+		std::replace(text.begin(), text.end(), '\n', ' ');
+	};
+	for (auto& [key, value] : image.provenance) {
+		clean(key);
+		clean(value);
+	}
+	for (std::string& channel : image.left_out)
+		clean(channel);
 }
 
 } // namespace
@@ -143,7 +164,10 @@ LoadedImage image_of(Film film, Provenance provenance, std::string name)
 Result<LoadedImage> decode_image(const std::uint8_t* data, std::size_t bytes, const std::string& name)
 {
 	try {
-		return decode_any(data, bytes, name);
+		Result<LoadedImage> image = decode_any(data, bytes, name);
+		if (image)
+			clean_metadata(*image);
+		return image;
 	} catch (const std::bad_alloc&) {
 		return Error{ErrorKind::Memory, "there is too little memory for the image", name, "compare a part of it", {}};
 	}

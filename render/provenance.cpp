@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cstddef>
 
 namespace rt {
 
@@ -29,7 +30,43 @@ bool has_key(const Provenance& provenance, const std::string& key)
 	return std::any_of(provenance.begin(), provenance.end(), [&](const auto& entry) { return entry.first == key; });
 }
 
+// Length of the UTF-8 sequence that begins here, 0 if there is none: no overlong forms, surrogates or values above
+// U+10FFFF.
+std::size_t utf8_sequence(std::string_view text)
+{
+	const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
+	const unsigned char first = byte(0);
+	if (first < 0x80)
+		return 1;
+	const std::size_t length = first >= 0xf0 ? 4 : first >= 0xe0 ? 3 : 2;
+	if (first < 0xc2 || first > 0xf4 || text.size() < length)
+		return 0;
+	for (std::size_t i = 1; i < length; ++i)
+		if ((byte(i) & 0xc0) != 0x80)
+			return 0;
+	if ((first == 0xe0 && byte(1) < 0xa0) || (first == 0xed && byte(1) > 0x9f) || (first == 0xf0 && byte(1) < 0x90) ||
+	    (first == 0xf4 && byte(1) > 0x8f))
+		return 0;
+	return length;
+}
+
 } // namespace
+
+std::string clean_text(std::string_view text)
+{
+	std::string clean;
+	while (!text.empty()) {
+		const std::size_t length = utf8_sequence(text);
+		if (length == 0)
+			clean += '?';
+		else if (length == 1 && (static_cast<unsigned char>(text[0]) < 32 || text[0] == 127) && text[0] != '\n')
+			clean += ' ';
+		else
+			clean += text.substr(0, length);
+		text.remove_prefix(std::max<std::size_t>(length, 1));
+	}
+	return clean;
+}
 
 KeyEffect effect_of(const std::string& key)
 {

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -21,6 +22,10 @@ inline std::string provenance_value(const Provenance& provenance, const std::str
 			return value;
 	return {};
 }
+
+// Text that every format and terminal can hold: what is not valid UTF-8 becomes '?', a control character other than a
+// line feed a space. Drivers put anything into their strings, and so may the writer of a file.
+std::string clean_text(std::string_view text);
 
 // What a key's value has to do with the pixels.
 enum class KeyEffect {

@@ -210,11 +210,19 @@ std::string metadata_text(const LoadedImage& a, const LoadedImage& b, const Comp
 	// Nothing to hold against each other where one file says nothing.
 	if (comparison.metadata.empty() || a.provenance.empty() || b.provenance.empty())
 		return "";
+	const auto shown = [](const std::string& value) { return value.empty() ? "-" : value; };
 	Rows rows;
-	for (const MetadataDifference& difference : comparison.metadata)
-		rows.push_back({difference.key, difference.a.empty() ? "-" : difference.a,
-		                difference.b.empty() ? "-" : difference.b, meaning_of(difference.effect)});
-	return "\nmetadata that differs\n" + format_table(rows, "  ");
+	std::string long_ones; // a table with a driver's whole description in it would be wider than any terminal
+	for (const MetadataDifference& difference : comparison.metadata) {
+		constexpr std::size_t widest = 32; // a hash
+		const std::string a_value = shown(difference.a), b_value = shown(difference.b);
+		if (a_value.size() <= widest && b_value.size() <= widest)
+			rows.push_back({difference.key, a_value, b_value, meaning_of(difference.effect)});
+		else
+			long_ones += fmt::format("  {}, which {}\n    A  {}\n    B  {}\n", difference.key,
+			                         meaning_of(difference.effect), a_value, b_value);
+	}
+	return "\nmetadata that differs\n" + format_table(rows, "  ") + long_ones;
 }
 
 Json difference_json(const ValueDifference& difference, Step step)
@@ -329,6 +337,9 @@ private:
 std::string comparison_text(const LoadedImage& a, const LoadedImage& b, const Comparison& comparison)
 {
 	std::string text = headline(comparison) + "\n" + expectation_text(comparison) + "\n";
+	const std::string film_a = film_hash_of(a), film_b = film_hash_of(b);
+	if (comparison.verdict == Verdict::Identical && !film_a.empty() && !film_b.empty() && film_a != film_b)
+		text += "the films behind them are not the same: ask for .rtfilm files to see where\n";
 	for (const LoadedImage* image : {&a, &b})
 		if (contradicts_itself(*image))
 			text += fmt::format("{}: the film's hash is not the one that its provenance tells ({})\n", image->name,

@@ -157,10 +157,11 @@ std::string version_text()
 }
 
 constexpr const char* commands_text = "Commands (each has its own --help):\n"
-                                      "  render   render a scene to an image; the default, its name may be left out\n"
-                                      "  devices  list what rt can run on, what is missing, and how to get it\n"
-                                      "  info     what a scene contains and needs\n"
-                                      "  compare  two images: the same or not, where, by how much, and why\n";
+                                      "  render     render a scene to an image; the default, its name may be left out\n"
+                                      "  devices    list what rt can run on, what is missing, and how to get it\n"
+                                      "  info       what a scene contains and needs\n"
+                                      "  compare    two images: the same or not, where, by how much, and why\n"
+                                      "  reproduce  an image rendered again from its own metadata, and compared\n";
 
 constexpr const char* examples_text =
     "Examples:\n"
@@ -572,6 +573,36 @@ Result<CommandLine> parse_compare(std::vector<std::string> arguments)
 	return CommandLine(std::move(options));
 }
 
+Result<CommandLine> parse_reproduce(std::vector<std::string> arguments)
+{
+	ReproduceOptions options;
+	RawRender raw;
+	raw.transfer = "srgb";
+	raw.exposure = "0";
+	raw.precision = "exact";
+	raw.progress = "auto";
+	raw.lanes = "auto";
+	CLI::App app("Renders an image again from what it says about itself, on any device, and compares film and pixels.");
+	set_manners(app, "rt reproduce");
+	app.get_formatter()->label("Positionals", "Image");
+	app.add_option("image", options.image, "a PNG, EXR or .rtfilm that rt wrote")->type_name("");
+	app.add_option("--scene", options.scene, "the scene's file, if it is not where the image says")->type_name("PATH");
+	app.add_option("-o,--output", options.output, "write what was rendered here")->type_name("FILE");
+	app.add_flag("--json", options.json, "for programs");
+	add_device_options(app, options.render, raw);
+	app.remove_option(app.get_option("--precision")); // the image's
+	add_report_options(app, options.render, raw);
+	app.footer("Exit status: 0 if the film and every pixel are the same to the last bit; 1 if not; others as\n"
+	           "rt render's.");
+	RT_TRY_ASSIGN(const auto text, parse(app, std::move(arguments)));
+	if (text)
+		return CommandLine(*text);
+	if (options.image.empty())
+		return usage("rt reproduce needs an image", "name a file that rt wrote: rt reproduce three-spheres.png");
+	RT_TRY(check_rest(raw, options.render));
+	return CommandLine(std::move(options));
+}
+
 } // namespace
 
 RenderSettings RenderOptions::settings_over(const RenderSettings& scene_settings) const
@@ -598,6 +629,8 @@ Result<CommandLine> parse_command_line(int argc, const char* const* argv)
 		return parse_info(rest());
 	if (command == "compare")
 		return parse_compare(rest());
+	if (command == "reproduce")
+		return parse_reproduce(rest());
 	if (command == "help")
 		return parse_render({"--help"}, false);
 	return parse_render(std::move(arguments), false);

@@ -67,12 +67,20 @@ struct CompareOptions {
 	bool json = false, quiet = false;
 };
 
+struct ReproduceOptions {
+	std::string image, scene; // no scene: the one that the image names
+	std::string output;       // of the image rendered here; empty: none
+	RenderOptions render;     // device and progress; the rest is the image's
+	bool json = false;
+};
+
 // --help and --version: text for standard output, and nothing else to do.
 struct TextRequest {
 	std::string text;
 };
 
-using CommandLine = std::variant<RenderOptions, DevicesOptions, InfoOptions, CompareOptions, TextRequest>;
+using CommandLine =
+    std::variant<RenderOptions, DevicesOptions, InfoOptions, CompareOptions, ReproduceOptions, TextRequest>;
 
 Result<CommandLine> parse_command_line(int argc, const char* const* argv);
 

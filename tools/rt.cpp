@@ -6,6 +6,7 @@
 #include "tools/command_devices.h"
 #include "tools/command_info.h"
 #include "tools/command_render.h"
+#include "tools/command_reproduce.h"
 #include "tools/options.h"
 #include "tools/report.h"
 
@@ -37,6 +38,8 @@ rt::Result<int> exit_status_of(const Options& options)
 }
 
 rt::Result<int> exit_status_of(const rt::CompareOptions& options) { return rt::run_compare(options); }
+
+rt::Result<int> exit_status_of(const rt::ReproduceOptions& options) { return rt::run_reproduce(options); }
 
 rt::Result<int> run(int argc, const char* const* argv)
 {

@@ -34,7 +34,7 @@ struct LoadedImage {
 	PixelType type = PixelType::Unsigned8;
 	std::uint32_t image_width = 0, image_height = 0; // of the whole image, of which the file holds a window
 	Window window;
-	bool knows_window = false; // whether the file says where in the image it lies
+	bool knows_window = false;         // whether the file says where in the image it lies
 	std::size_t channels = 3;          // R, G, B and perhaps A
 	std::vector<float> values;         // rows from the top; a film's are its mean radiances, rounded as in an EXR
 	DisplaySettings display;           // by which an integer format's codes were made, as far as the file says

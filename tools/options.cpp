@@ -236,9 +236,9 @@ Result<std::optional<TextRequest>> parse(CLI::App& app, std::vector<std::string>
 
 // What was typed, before it is checked.
 struct RawRender {
-	std::string width, height, size, samples, seed, max_depth, frames, pixel, crop, transfer, exposure, precision,
-	    progress, lanes, bvh, checkpoint_seconds;
+	std::string width, height, size, samples, seed, max_depth, frames, pixel, crop, checkpoint_seconds;
 	bool generic = false;
+	std::string transfer = "srgb", exposure = "0", precision = "exact", progress = "auto", lanes = "auto", bvh = "auto";
 };
 
 void add_image_options(CLI::App& app, RenderOptions& options, RawRender& raw)
@@ -408,12 +408,6 @@ Result<CommandLine> parse_render(std::vector<std::string> arguments, bool named)
 {
 	RenderOptions options;
 	RawRender raw;
-	raw.transfer = "srgb";
-	raw.exposure = "0";
-	raw.precision = "exact";
-	raw.progress = "auto";
-	raw.lanes = "auto";
-	raw.bvh = "auto";
 	CLI::App app("Path tracer for spheres: same scene, same seed, same image, bit for bit, on every device.");
 	set_manners(app, named ? "rt render" : "rt");
 	add_image_options(app, options, raw);
@@ -577,11 +571,6 @@ Result<CommandLine> parse_reproduce(std::vector<std::string> arguments)
 {
 	ReproduceOptions options;
 	RawRender raw;
-	raw.transfer = "srgb";
-	raw.exposure = "0";
-	raw.precision = "exact";
-	raw.progress = "auto";
-	raw.lanes = "auto";
 	CLI::App app("Renders an image again from what it says about itself, on any device, and compares film and pixels.");
 	set_manners(app, "rt reproduce");
 	app.get_formatter()->label("Positionals", "Image");

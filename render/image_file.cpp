@@ -53,46 +53,19 @@ std::string attribute_name(const std::string& key)
 	return name;
 }
 
-// Length of the UTF-8 sequence that begins here, 0 if there is none: no overlong forms, surrogates or values above
-// U+10FFFF.
-std::size_t utf8_sequence(std::string_view text)
-{
-	const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
-	const unsigned char first = byte(0);
-	if (first < 0x80)
-		return 1;
-	const std::size_t length = first >= 0xf0 ? 4 : first >= 0xe0 ? 3 : 2;
-	if (first < 0xc2 || first > 0xf4 || text.size() < length)
-		return 0;
-	for (std::size_t i = 1; i < length; ++i)
-		if ((byte(i) & 0xc0) != 0x80)
-			return 0;
-	if ((first == 0xe0 && byte(1) < 0xa0) || (first == 0xed && byte(1) > 0x9f) || (first == 0xf0 && byte(1) < 0x90) ||
-	    (first == 0xf4 && byte(1) > 0x8f))
-		return 0;
-	return length;
-}
-
-// Drivers put anything into their strings: what is not valid UTF-8 becomes '?', control characters a space.
-std::string attribute_value(std::string_view text)
-{
-	std::string clean;
-	while (!text.empty()) {
-		const std::size_t length = utf8_sequence(text);
-		if (length == 0)
-			clean += '?';
-		else if (length == 1 && (static_cast<unsigned char>(text[0]) < 32 || text[0] == 127) && text[0] != '\n')
-			clean += ' ';
-		else
-			clean += text.substr(0, length);
-		text.remove_prefix(std::max<std::size_t>(length, 1));
-	}
-	return clean;
-}
-
 bool is_ascii(const std::string& text)
 {
 	return std::all_of(text.begin(), text.end(), [](char c) { return static_cast<unsigned char>(c) < 128; });
+}
+
+// What any viewer of metadata shows of an image that cannot be trusted; empty if it can.
+std::string warning_of(const Provenance& provenance)
+{
+	const std::string self_test = provenance_value(provenance, "SelfTest");
+	if (self_test.empty() || self_test == "passed")
+		return {};
+	return fmt::format("NOT VERIFIED: rendered on a device that fails the self-test of rt. {}: {}",
+	                   provenance_value(provenance, "Device"), self_test);
 }
 
 // ---- PNG ----
@@ -124,9 +97,9 @@ void append_transfer_chunk(Bytes& png, Transfer transfer)
 	append_chunk(png, "gAMA", std::string_view(reinterpret_cast<const char*>(gamma.data()), gamma.size()));
 }
 
-void append_text_chunk(Bytes& png, const std::string& key, const std::string& value)
+void append_text_chunk(Bytes& png, const std::string& name, const std::string& value)
 {
-	const std::string name = attribute_name(key), text = attribute_value(value);
+	const std::string text = clean_text(value);
 	// tEXt is Latin-1; only ASCII is the same there and in UTF-8. iTXt is UTF-8: not compressed, no language.
 	if (is_ascii(text))
 		append_chunk(png, "tEXt", name + std::string(1, '\0') + text);
@@ -141,33 +114,23 @@ void append_from_stb(void* context, void* data, int size)
 	bytes->insert(bytes->end(), first, first + size);
 }
 
-Result<Bytes> encode_png(const Film& film, const DisplaySettings& display, const Provenance& provenance)
+Status check_png_size(std::uint32_t width, std::uint32_t height)
 {
 	// stb_image_write counts in int, and its buffer doubles: up to this size nothing of it can overflow.
 	constexpr std::uint64_t max_raw_bytes = 900'000'000;
-	const std::uint64_t row_bytes = 3 * std::uint64_t(film.window().width);
-	if ((row_bytes + 1) * film.window().height > max_raw_bytes)
+	if ((3 * std::uint64_t(width) + 1) * height > max_raw_bytes)
 		return Error{ErrorKind::Usage,
-		             fmt::format("{}x{} pixels are too many for a PNG", film.window().width, film.window().height),
+		             fmt::format("{}x{} pixels are too many for a PNG", width, height),
 		             {},
 		             "write .exr or .rtfilm, or render a part with --crop",
 		             {}};
+	return success();
+}
 
-	const Bytes pixels = to_8bit(film, display);
-	Bytes plain;
-	if (stbi_write_png_to_func(append_from_stb, &plain, static_cast<int>(film.window().width),
-	                           static_cast<int>(film.window().height), 3, pixels.data(),
-	                           static_cast<int>(row_bytes)) == 0)
-		return Error{ErrorKind::Memory, "the PNG could not be encoded", {}, "free some memory or write .pfm", {}};
-
-	// Signature (8 bytes) and IHDR (length, type, 13 bytes of data, CRC); our chunks go between it and the pixels.
-	constexpr std::ptrdiff_t after_header = 8 + 4 + 4 + 13 + 4;
-	Bytes png(plain.begin(), plain.begin() + after_header);
-	append_transfer_chunk(png, display.transfer);
-	for (const auto& [key, value] : provenance)
-		append_text_chunk(png, key, value);
-	png.insert(png.end(), plain.begin() + after_header, plain.end());
-	return png;
+Result<Bytes> encode_film_png(const Film& film, const DisplaySettings& display, const Provenance& provenance)
+{
+	RT_TRY(check_png_size(film.window().width, film.window().height));
+	return encode_png(film.window().width, film.window().height, to_8bit(film, display), display.transfer, provenance);
 }
 
 // ---- float formats ----
@@ -224,7 +187,9 @@ Result<Bytes> encode_exr(const Film& film, const Provenance& provenance)
 		                   Imf::INCREASING_Y, Imf::ZIP_COMPRESSION);
 		Imf::addChromaticities(header, Imf::Chromaticities()); // of Rec. 709, as sRGB's
 		for (const auto& [key, value] : provenance)
-			header.insert(attribute_name(key), Imf::StringAttribute(attribute_value(value)));
+			header.insert(attribute_name(key), Imf::StringAttribute(clean_text(value)));
+		if (const std::string warning = warning_of(provenance); !warning.empty())
+			Imf::addComments(header, clean_text(warning));
 		Imf::FrameBuffer frame;
 		static const char* const channels[] = {"R", "G", "B"};
 		for (std::size_t i = 0; i < 3; ++i) {
@@ -292,7 +257,7 @@ Result<Bytes> encode_image(const Film& film, ImageFormat format, const DisplaySe
 	try {
 		switch (format) {
 		case ImageFormat::Png:
-			return encode_png(film, display, provenance);
+			return encode_film_png(film, display, provenance);
 		case ImageFormat::Exr:
 			return encode_exr(film, provenance);
 		case ImageFormat::Pfm:
@@ -309,6 +274,28 @@ Result<Bytes> encode_image(const Film& film, ImageFormat format, const DisplaySe
 		    "free some memory, or render a part with --crop",
 		    {}};
 	}
+}
+
+Result<Bytes> encode_png(std::uint32_t width, std::uint32_t height, const Bytes& pixels, Transfer transfer,
+                         const Provenance& provenance)
+{
+	RT_TRY(check_png_size(width, height));
+	Bytes plain;
+	if (stbi_write_png_to_func(append_from_stb, &plain, static_cast<int>(width), static_cast<int>(height), 3,
+	                           pixels.data(), static_cast<int>(3 * width)) == 0)
+		return Error{ErrorKind::Memory, "the PNG could not be encoded", {}, "free some memory or write .pfm", {}};
+
+	// Signature (8 bytes) and IHDR (length, type, 13 bytes of data, CRC); our chunks go between it and the pixels.
+	constexpr std::ptrdiff_t after_header = 8 + 4 + 4 + 13 + 4;
+	Bytes png(plain.begin(), plain.begin() + after_header);
+	append_transfer_chunk(png, transfer);
+	// "Warning" is one of the keywords that PNG itself defines.
+	if (const std::string warning = warning_of(provenance); !warning.empty())
+		append_text_chunk(png, "Warning", warning);
+	for (const auto& [key, value] : provenance)
+		append_text_chunk(png, attribute_name(key), value);
+	png.insert(png.end(), plain.begin() + after_header, plain.end());
+	return png;
 }
 
 Status write_image(const Film& film, const std::string& path, ImageFormat format, const DisplaySettings& display,

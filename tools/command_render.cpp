@@ -73,7 +73,11 @@ std::string describe(const DeviceInfo& info) { return fmt::format("{} ({})", inf
 
 class RenderCommand {
 public:
-	explicit RenderCommand(const RenderOptions& options) : options_(options), display_(options.progress) {}
+	// With `keep` the film goes there and into no file.
+	explicit RenderCommand(const RenderOptions& options, RenderedFilm* keep = nullptr)
+	    : options_(options), keep_(keep), display_(options.progress)
+	{
+	}
 
 	Status run()
 	{
@@ -113,7 +117,8 @@ private:
 	Status prepare(std::uint32_t frame)
 	{
 		RT_TRY_ASSIGN(output_, output_file(options_, scene_file_.base.name, frame));
-		RT_TRY(check_writable(output_.path));
+		if (!keep_)
+			RT_TRY(check_writable(output_.path));
 		if (options_.precision == Precision::Fast && output_.format == ImageFormat::Pfm &&
 		    frame == options_.first_frame)
 			report_warning("a .pfm file has no room for the mark that its image is of precision fast",
@@ -213,6 +218,7 @@ private:
 
 	Status render()
 	{
+		mark_unverified_name();
 		PassOptions passes;
 		passes.samples = origin_.settings.samples;
 		passes.resumable = is_resumable();
@@ -251,14 +257,27 @@ private:
 		const PassResult& result = *rendered;
 		if (result.interrupted)
 			return finish_interrupted(result);
-		RT_TRY(write_output(result.film, result.devices));
+		if (keep_)
+			*keep_ = {result.film, provenance_of(origin_, result.film, result.devices)};
+		else
+			RT_TRY(write_output(result.film, result.devices));
 		times_.end();
 		if (result.film.rejected > 0)
 			report_warning(fmt::format("{} were rejected: they were not finite or far too bright",
 			                           plural(result.film.rejected, "sample")),
 			               "this is a bug of rt or of the device's driver; please report it with the output of "
 			               "`rt devices -v`");
-		return finish(result, result.film);
+		return keep_ ? success() : finish(result, result.film);
+	}
+
+	// A name that the user did not choose says it where a viewer shows nothing else and a copy has lost its metadata.
+	void mark_unverified_name()
+	{
+		if (!options_.output.empty() || origin_.self_test == "passed")
+			return;
+		const std::filesystem::path path(output_.path);
+		output_.path =
+		    (path.parent_path() / (path.stem().string() + "-unverified" + path.extension().string())).string();
 	}
 
 	static void catch_signals()
@@ -283,7 +302,9 @@ private:
 	void write_snapshot(const Film& film)
 	{
 		display_.clear();
-		if (output_.path == "-")
+		if (keep_)
+			report_warning("there is no file for the image so far");
+		else if (output_.path == "-")
 			report_warning("the image so far was asked for, and standard output takes only one image",
 			               "name a file with --output");
 		else if (const Status written = write_output(film, {}); !written)
@@ -368,6 +389,11 @@ private:
 	Status finish_interrupted(const PassResult& result)
 	{
 		Error stopped{ErrorKind::Interrupted, "", output_.path, "", ""};
+		if (keep_) {
+			stopped.message = "before the render was complete; nothing was compared";
+			stopped.where = "";
+			return stopped;
+		}
 		if (result.film.max_samples() == 0) {
 			stopped.message = "before the first sample; nothing was written";
 			return stopped;
@@ -399,6 +425,7 @@ private:
 	}
 
 	const RenderOptions& options_;
+	RenderedFilm* const keep_;
 	ProgressDisplay display_;
 	PhaseTimes times_;
 	SceneFile scene_file_;
@@ -415,6 +442,13 @@ Status run_render(const RenderOptions& options)
 {
 	catch_snapshot_signal();
 	return RenderCommand(options).run();
+}
+
+Result<RenderedFilm> render_film(const RenderOptions& options)
+{
+	RenderedFilm kept;
+	RT_TRY(RenderCommand(options, &kept).run());
+	return kept;
 }
 
 } // namespace rt

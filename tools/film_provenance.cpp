@@ -60,22 +60,11 @@ std::string self_test_of(const FilmOrigin& origin)
 
 } // namespace
 
+std::string software_text() { return fmt::format("rt {} ({})", RT_VERSION, RT_REVISION); }
+
 std::string window_text(const Window& window)
 {
 	return fmt::format("{},{},{},{}", window.x, window.x + window.width, window.y, window.y + window.height);
-}
-
-const char* transfer_name(Transfer transfer)
-{
-	switch (transfer) {
-	case Transfer::Srgb:
-		return "srgb";
-	case Transfer::Gamma2:
-		return "gamma2";
-	case Transfer::Linear:
-		return "linear";
-	}
-	return "";
 }
 
 std::string samples_text(const Film& film)
@@ -96,7 +85,7 @@ Provenance provenance_of(const FilmOrigin& origin, const Film& film, const std::
 	for (const DeviceStats& device : stats)
 		build_options.add(device.build.options);
 	Provenance all = {
-	    {"Software", fmt::format("rt {} ({})", RT_VERSION, RT_REVISION)},
+	    {"Software", software_text()},
 	    {"Contract", contract_text(origin.precision)},
 	    {"Scene", origin.scene},
 	    {"SceneHash", origin.scene_hash.hex()},

@@ -34,10 +34,10 @@ struct FilmOrigin {
 // In the order and with the keys of provenance.h. `stats` may be empty while a render is under way.
 Provenance provenance_of(const FilmOrigin& origin, const Film& film, const std::vector<DeviceStats>& stats);
 
+// "rt 0.1.0 (1234abc)"
+std::string software_text();
 // "0,640,0,480": a window as --crop takes it.
 std::string window_text(const Window& window);
-// "srgb", "gamma2" or "linear": a transfer as --transfer takes it.
-const char* transfer_name(Transfer transfer);
 // "128", or "12 to 14" of an uneven film.
 std::string samples_text(const Film& film);
 

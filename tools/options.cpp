@@ -3,6 +3,7 @@
 #include "backends/kernel_text.h"
 #include "common/rt_contract.h"
 #include "render/closest_match.h"
+#include "render/image_file.h"
 #include "render/scene_ranges.h"
 #include "version.h"
 
@@ -156,9 +157,11 @@ std::string version_text()
 }
 
 constexpr const char* commands_text = "Commands (each has its own --help):\n"
-                                      "  render   render a scene to an image; the default, its name may be left out\n"
-                                      "  devices  list what rt can run on, what is missing, and how to get it\n"
-                                      "  info     what a scene contains and needs\n";
+                                      "  render     render a scene to an image; the default, its name may be left out\n"
+                                      "  devices    list what rt can run on, what is missing, and how to get it\n"
+                                      "  info       what a scene contains and needs\n"
+                                      "  compare    two images: the same or not, where, by how much, and why\n"
+                                      "  reproduce  an image rendered again from its own metadata, and compared\n";
 
 constexpr const char* examples_text =
     "Examples:\n"
@@ -233,9 +236,9 @@ Result<std::optional<TextRequest>> parse(CLI::App& app, std::vector<std::string>
 
 // What was typed, before it is checked.
 struct RawRender {
-	std::string width, height, size, samples, seed, max_depth, frames, pixel, crop, transfer, exposure, precision,
-	    progress, lanes, bvh, checkpoint_seconds;
+	std::string width, height, size, samples, seed, max_depth, frames, pixel, crop, checkpoint_seconds;
 	bool generic = false;
+	std::string transfer = "srgb", exposure = "0", precision = "exact", progress = "auto", lanes = "auto", bvh = "auto";
 };
 
 void add_image_options(CLI::App& app, RenderOptions& options, RawRender& raw)
@@ -412,12 +415,6 @@ Result<CommandLine> parse_render(std::vector<std::string> arguments, bool named)
 {
 	RenderOptions options;
 	RawRender raw;
-	raw.transfer = "srgb";
-	raw.exposure = "0";
-	raw.precision = "exact";
-	raw.progress = "auto";
-	raw.lanes = "auto";
-	raw.bvh = "auto";
 	CLI::App app("Path tracer for spheres: same scene, same seed, same image, bit for bit, on every device.");
 	set_manners(app, named ? "rt render" : "rt");
 	add_image_options(app, options, raw);
@@ -468,6 +465,140 @@ Result<CommandLine> parse_info(std::vector<std::string> arguments)
 	return CommandLine(std::move(options));
 }
 
+// The options of OpenImageIO's idiff have one dash and many letters.
+std::string as_long_option(const std::string& argument)
+{
+	static constexpr std::string_view names[] = {"fail",          "failpercent", "hardfail",      "failulp", "warn",
+	                                             "warnpercent",   "hardwarn",    "warnulp",       "od",      "abs",
+	                                             "allowfailures", "scale",       "allowwarnings", "json"};
+	const std::string_view name = std::string_view(argument).substr(0, argument.find('='));
+	for (const std::string_view known : names)
+		if (name.size() == known.size() + 1 && name[0] == '-' && name.substr(1) == known)
+			return "-" + argument;
+	return argument;
+}
+
+// What was typed for a tolerance, before it is checked.
+struct RawTolerance {
+	std::string value, steps, percent, pixels, hard;
+};
+
+Result<std::optional<double>> parse_positive(const char* option, const std::string& text)
+{
+	if (text.empty())
+		return std::optional<double>();
+	double value = 0;
+	const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+	if (error != std::errc() || end != text.data() + text.size() || !(value >= 0) || !std::isfinite(value))
+		return usage(fmt::format("{} takes a number that is not negative, not '{}'", option, text),
+		             fmt::format("for example {} 0.004", option));
+	return std::optional(value);
+}
+
+Status check_tolerance(const RawTolerance& raw, const std::string& word, Tolerance& tolerance)
+{
+	RT_TRY_ASSIGN(tolerance.value, parse_positive(("-" + word).c_str(), raw.value));
+	RT_TRY_ASSIGN(tolerance.hard, parse_positive(("-hard" + word).c_str(), raw.hard));
+	RT_TRY_ASSIGN(const std::optional<double> percent, parse_positive(("-" + word + "percent").c_str(), raw.percent));
+	tolerance.percent = percent.value_or(0);
+	constexpr Range any = {0, UINT32_MAX};
+	if (!raw.steps.empty()) {
+		RT_TRY_ASSIGN(tolerance.steps, parse_number(("-" + word + "ulp").c_str(), raw.steps, any));
+	}
+	if (!raw.pixels.empty()) {
+		const std::string option = word == "fail" ? "-allowfailures" : "-allowwarnings";
+		RT_TRY_ASSIGN(tolerance.pixels, parse_number(option.c_str(), raw.pixels, any));
+	}
+	return success();
+}
+
+void add_tolerance_options(CLI::App& app, const std::string& word, RawTolerance& raw)
+{
+	const bool fails = word == "fail";
+	const auto add = [&](const std::string& name, std::string& value, const char* type, const std::string& text) {
+		app.add_option(name, value, text)->type_name(type)->group(fails ? "Failure" : "Warning");
+	};
+	add("--" + word, raw.value, "X",
+	    fails ? "a pixel fails if it differs by more (in any bit)" : "the same for a warning (in any bit)");
+	add("--" + word + "ulp", raw.steps, "N",
+	    "by more than N ULPs, codes or units of a film; with\n--" + word + ": by more than both");
+	add("--" + word + "percent", raw.percent, "P", "of the pixels may do so (0)");
+	add(fails ? "--allowfailures" : "--allowwarnings", raw.pixels, "N", "or so many pixels (0)");
+	add("--hard" + word, raw.hard, "X", "but no pixel may differ by more");
+}
+
+Result<CommandLine> parse_compare(std::vector<std::string> arguments)
+{
+	std::transform(arguments.begin(), arguments.end(), arguments.begin(), as_long_option);
+	CompareOptions options;
+	RawTolerance fail, warn;
+	std::string scale;
+	bool absolute = false, no_flip = false;
+	CLI::App app("Whether two images (PNG, EXR, PFM, .rtfilm) are the same, where they differ, by how much, and\n"
+	             "whether that was to be expected. B is the reference.");
+	set_manners(app, "rt compare");
+	app.get_formatter()->label("Positionals", "Images");
+	app.add_option("a", options.a, "an image")->type_name("");
+	app.add_option("b", options.b, "the image to hold it against")->type_name("");
+	add_tolerance_options(app, "fail", fail);
+	add_tolerance_options(app, "warn", warn);
+	app.add_flag("-p", options.settings.by_flip, "judge by FLIP, which is what is seen, instead of by values")
+	    ->group("Failure");
+	const auto output = [&app](CLI::Option* option) { option->group("Difference image"); };
+	output(app.add_option("-o", options.output, "a PNG of |A - B|, or with -p of FLIP")->type_name("FILE"));
+	output(app.add_flag("--od", options.output_if_different, "write it only if there is a difference"));
+	output(app.add_option("--scale", scale, "times X (so that the largest difference is white)")->type_name("X"));
+	output(app.add_flag("--abs", absolute, "for idiff's sake: differences are always absolute"));
+	app.add_flag("--hdr-flip", options.settings.hdr_flip, "HDR-FLIP too, over many exposures: takes its time");
+	app.add_flag("--no-flip", no_flip, "leave FLIP out");
+	app.add_flag("--json", options.json, "for programs");
+	app.add_flag("-q,--quiet", options.quiet, "only the verdict");
+	app.footer("-fail and so on may be written with one dash, as in OpenImageIO's idiff.\n\n"
+	           "Exit status, as idiff's: 0 match; 1 warning; 2 failure, or a wrong command line; 3 different\n"
+	           "size; 4 a file cannot be read or written.");
+	RT_TRY_ASSIGN(const auto text, parse(app, std::move(arguments)));
+	if (text)
+		return CommandLine(*text);
+	if (options.a.empty() || options.b.empty())
+		return usage("rt compare needs two images", "name both: rt compare mine.png yours.png");
+	options.settings.flip = !no_flip;
+	RT_TRY(check_tolerance(fail, "fail", options.settings.fail));
+	RT_TRY(check_tolerance(warn, "warn", options.settings.warn));
+	RT_TRY_ASSIGN(options.scale, parse_positive("-scale", scale));
+	if (!options.output.empty()) {
+		RT_TRY_ASSIGN(const ImageFormat format, image_format_of(options.output));
+		if (format != ImageFormat::Png)
+			return usage("the difference image is a PNG", "give it such a name: -o difference.png",
+			             "-o " + options.output);
+	}
+	return CommandLine(std::move(options));
+}
+
+Result<CommandLine> parse_reproduce(std::vector<std::string> arguments)
+{
+	ReproduceOptions options;
+	RawRender raw;
+	CLI::App app("Renders an image again from what it says about itself, on any device, and compares film and pixels.");
+	set_manners(app, "rt reproduce");
+	app.get_formatter()->label("Positionals", "Image");
+	app.add_option("image", options.image, "a PNG, EXR or .rtfilm that rt wrote")->type_name("");
+	app.add_option("--scene", options.scene, "the scene's file, if it is not where the image says")->type_name("PATH");
+	app.add_option("-o,--output", options.output, "write what was rendered here")->type_name("FILE");
+	app.add_flag("--json", options.json, "for programs");
+	add_device_options(app, options.render, raw);
+	app.remove_option(app.get_option("--precision")); // the image's
+	add_report_options(app, options.render, raw);
+	app.footer("Exit status: 0 if the film and every pixel are the same to the last bit; 1 if not; others as\n"
+	           "rt render's.");
+	RT_TRY_ASSIGN(const auto text, parse(app, std::move(arguments)));
+	if (text)
+		return CommandLine(*text);
+	if (options.image.empty())
+		return usage("rt reproduce needs an image", "name a file that rt wrote: rt reproduce three-spheres.png");
+	RT_TRY(check_rest(raw, options.render));
+	return CommandLine(std::move(options));
+}
+
 } // namespace
 
 RenderSettings RenderOptions::settings_over(const RenderSettings& scene_settings) const
@@ -492,6 +623,10 @@ Result<CommandLine> parse_command_line(int argc, const char* const* argv)
 		return parse_devices(rest());
 	if (command == "info")
 		return parse_info(rest());
+	if (command == "compare")
+		return parse_compare(rest());
+	if (command == "reproduce")
+		return parse_reproduce(rest());
 	if (command == "help")
 		return parse_render({"--help"}, false);
 	return parse_render(std::move(arguments), false);

@@ -6,6 +6,7 @@
 
 #include "backends/precision.h"
 #include "backends/registry.h"
+#include "render/compare.h"
 #include "render/display.h"
 #include "render/film.h"
 #include "render/scene.h"
@@ -59,12 +60,29 @@ struct InfoOptions {
 	bool json = false;
 };
 
+struct CompareOptions {
+	std::string a, b;
+	CompareSettings settings;
+	std::string output; // of the difference image; empty: none
+	bool output_if_different = false;
+	std::optional<double> scale;
+	bool json = false, quiet = false;
+};
+
+struct ReproduceOptions {
+	std::string image, scene; // no scene: the one that the image names
+	std::string output;       // of the image rendered here; empty: none
+	RenderOptions render;     // device and progress; the rest is the image's
+	bool json = false;
+};
+
 // --help and --version: text for standard output, and nothing else to do.
 struct TextRequest {
 	std::string text;
 };
 
-using CommandLine = std::variant<RenderOptions, DevicesOptions, InfoOptions, TextRequest>;
+using CommandLine =
+    std::variant<RenderOptions, DevicesOptions, InfoOptions, CompareOptions, ReproduceOptions, TextRequest>;
 
 Result<CommandLine> parse_command_line(int argc, const char* const* argv);
 

@@ -2,9 +2,11 @@
 //
 // Each command returns a Status; its error is printed once, here, and its kind is the exit status.
 #include "support/float_environment.h"
+#include "tools/command_compare.h"
 #include "tools/command_devices.h"
 #include "tools/command_info.h"
 #include "tools/command_render.h"
+#include "tools/command_reproduce.h"
 #include "tools/options.h"
 #include "tools/report.h"
 
@@ -27,11 +29,25 @@ rt::Status run_command(const rt::TextRequest& request)
 	return rt::success();
 }
 
-rt::Status run(int argc, const char* const* argv)
+// The exit status: a command has one of its own, or ends with 0.
+template <class Options>
+rt::Result<int> exit_status_of(const Options& options)
+{
+	RT_TRY(run_command(options));
+	return 0;
+}
+
+rt::Result<int> exit_status_of(const rt::CompareOptions& options) { return rt::run_compare(options); }
+
+rt::Result<int> exit_status_of(const rt::ReproduceOptions& options) { return rt::run_reproduce(options); }
+
+rt::Result<int> run(int argc, const char* const* argv)
 {
 	RT_TRY_ASSIGN(const rt::CommandLine command_line, rt::parse_command_line(argc, argv));
-	RT_TRY(std::visit([](const auto& options) { return run_command(options); }, command_line));
-	return rt::flush_results();
+	RT_TRY_ASSIGN(const int status,
+	              std::visit([](const auto& options) { return exit_status_of(options); }, command_line));
+	RT_TRY(rt::flush_results());
+	return status;
 }
 
 rt::Error unexpected(const char* what)
@@ -48,8 +64,8 @@ int main(int argc, char** argv)
 	// Scenes are read and rounded in it too (contract rule 18).
 	const rt::ContractFloatEnvironment environment;
 	try {
-		const rt::Status status = run(argc, argv);
-		return status ? 0 : rt::report_error(status.error());
+		const rt::Result<int> status = run(argc, argv);
+		return status ? *status : rt::report_error(status.error());
 	} catch (const std::bad_alloc&) {
 		return rt::report_error({rt::ErrorKind::Memory, "the machine's memory does not suffice", "",
 		                         "render a smaller image, a part of it with --crop, or a scene with fewer spheres",

@@ -42,6 +42,19 @@ std::uint64_t scaled_radiance(std::uint64_t sum, std::uint64_t exposure, std::ui
 
 } // namespace
 
+const char* transfer_name(Transfer transfer)
+{
+	switch (transfer) {
+	case Transfer::Srgb:
+		return "srgb";
+	case Transfer::Gamma2:
+		return "gamma2";
+	case Transfer::Linear:
+		return "linear";
+	}
+	return "";
+}
+
 std::uint64_t exposure_factor(double stops)
 {
 	if (std::isnan(stops))
@@ -77,6 +90,32 @@ std::vector<std::uint8_t> to_8bit(const Film& film, const DisplaySettings& setti
 		}
 	}
 	return bytes;
+}
+
+std::uint8_t to_8bit(double radiance, const DisplaySettings& settings)
+{
+	if (!(radiance > 0))
+		return 0;
+	const std::uint64_t* const thresholds = thresholds_of(settings.transfer);
+	const double light = radiance * static_cast<double>(exposure_factor(settings.exposure_stops));
+	const double scaled = std::ldexp(light, threshold_bits - exposure_factor_bits);
+	return static_cast<std::uint8_t>(
+	    std::upper_bound(thresholds, thresholds + 255, scaled,
+	                     [](double value, std::uint64_t edge) { return value < static_cast<double>(edge); }) -
+	    thresholds);
+}
+
+double decode_transfer(double encoded, Transfer transfer)
+{
+	switch (transfer) {
+	case Transfer::Gamma2:
+		return encoded * encoded;
+	case Transfer::Linear:
+		return encoded;
+	case Transfer::Srgb:
+		break;
+	}
+	return encoded <= 0.04045 ? encoded / 12.92 : std::pow((encoded + 0.055) / 1.055, 2.4);
 }
 
 } // namespace rt

@@ -141,33 +141,23 @@ void append_from_stb(void* context, void* data, int size)
 	bytes->insert(bytes->end(), first, first + size);
 }
 
-Result<Bytes> encode_png(const Film& film, const DisplaySettings& display, const Provenance& provenance)
+Status check_png_size(std::uint32_t width, std::uint32_t height)
 {
 	// stb_image_write counts in int, and its buffer doubles: up to this size nothing of it can overflow.
 	constexpr std::uint64_t max_raw_bytes = 900'000'000;
-	const std::uint64_t row_bytes = 3 * std::uint64_t(film.window().width);
-	if ((row_bytes + 1) * film.window().height > max_raw_bytes)
+	if ((3 * std::uint64_t(width) + 1) * height > max_raw_bytes)
 		return Error{ErrorKind::Usage,
-		             fmt::format("{}x{} pixels are too many for a PNG", film.window().width, film.window().height),
+		             fmt::format("{}x{} pixels are too many for a PNG", width, height),
 		             {},
 		             "write .exr or .rtfilm, or render a part with --crop",
 		             {}};
+	return success();
+}
 
-	const Bytes pixels = to_8bit(film, display);
-	Bytes plain;
-	if (stbi_write_png_to_func(append_from_stb, &plain, static_cast<int>(film.window().width),
-	                           static_cast<int>(film.window().height), 3, pixels.data(),
-	                           static_cast<int>(row_bytes)) == 0)
-		return Error{ErrorKind::Memory, "the PNG could not be encoded", {}, "free some memory or write .pfm", {}};
-
-	// Signature (8 bytes) and IHDR (length, type, 13 bytes of data, CRC); our chunks go between it and the pixels.
-	constexpr std::ptrdiff_t after_header = 8 + 4 + 4 + 13 + 4;
-	Bytes png(plain.begin(), plain.begin() + after_header);
-	append_transfer_chunk(png, display.transfer);
-	for (const auto& [key, value] : provenance)
-		append_text_chunk(png, key, value);
-	png.insert(png.end(), plain.begin() + after_header, plain.end());
-	return png;
+Result<Bytes> encode_film_png(const Film& film, const DisplaySettings& display, const Provenance& provenance)
+{
+	RT_TRY(check_png_size(film.window().width, film.window().height));
+	return encode_png(film.window().width, film.window().height, to_8bit(film, display), display.transfer, provenance);
 }
 
 // ---- float formats ----
@@ -292,7 +282,7 @@ Result<Bytes> encode_image(const Film& film, ImageFormat format, const DisplaySe
 	try {
 		switch (format) {
 		case ImageFormat::Png:
-			return encode_png(film, display, provenance);
+			return encode_film_png(film, display, provenance);
 		case ImageFormat::Exr:
 			return encode_exr(film, provenance);
 		case ImageFormat::Pfm:
@@ -309,6 +299,25 @@ Result<Bytes> encode_image(const Film& film, ImageFormat format, const DisplaySe
 		    "free some memory, or render a part with --crop",
 		    {}};
 	}
+}
+
+Result<Bytes> encode_png(std::uint32_t width, std::uint32_t height, const Bytes& pixels, Transfer transfer,
+                         const Provenance& provenance)
+{
+	RT_TRY(check_png_size(width, height));
+	Bytes plain;
+	if (stbi_write_png_to_func(append_from_stb, &plain, static_cast<int>(width), static_cast<int>(height), 3,
+	                           pixels.data(), static_cast<int>(3 * width)) == 0)
+		return Error{ErrorKind::Memory, "the PNG could not be encoded", {}, "free some memory or write .pfm", {}};
+
+	// Signature (8 bytes) and IHDR (length, type, 13 bytes of data, CRC); our chunks go between it and the pixels.
+	constexpr std::ptrdiff_t after_header = 8 + 4 + 4 + 13 + 4;
+	Bytes png(plain.begin(), plain.begin() + after_header);
+	append_transfer_chunk(png, transfer);
+	for (const auto& [key, value] : provenance)
+		append_text_chunk(png, key, value);
+	png.insert(png.end(), plain.begin() + after_header, plain.end());
+	return png;
 }
 
 Status write_image(const Film& film, const std::string& path, ImageFormat format, const DisplaySettings& display,

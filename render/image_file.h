@@ -23,6 +23,11 @@ Result<ImageFormat> image_format_of(const std::string& path);
 Result<std::vector<std::uint8_t>> encode_image(const Film& film, ImageFormat format, const DisplaySettings& display,
                                                const Provenance& provenance);
 
+// A PNG of any 8-bit RGB pixels, rows from the top.
+Result<std::vector<std::uint8_t>> encode_png(std::uint32_t width, std::uint32_t height,
+                                             const std::vector<std::uint8_t>& pixels, Transfer transfer,
+                                             const Provenance& provenance);
+
 // encode_image() + write_file().
 Status write_image(const Film& film, const std::string& path, ImageFormat format, const DisplaySettings& display,
                    const Provenance& provenance);

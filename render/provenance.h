@@ -22,4 +22,35 @@ inline std::string provenance_value(const Provenance& provenance, const std::str
 	return {};
 }
 
+// What a key's value has to do with the pixels.
+enum class KeyEffect {
+	Image,   // decides them: another value, another image
+	Display, // decides how 8-bit pixels are made of them
+	Device,  // must not change a bit where the precision is exact and the device verified
+	Trust,   // says whether that is so
+	Result,  // follows from the pixels
+	Unknown, // not of this version
+};
+KeyEffect effect_of(const std::string& key);
+
+// A key whose values differ; one that is absent has an empty value.
+struct MetadataDifference {
+	std::string key, a, b;
+	KeyEffect effect = KeyEffect::Unknown;
+};
+// In the order of the first, then what only the second has.
+std::vector<MetadataDifference> metadata_differences(const Provenance& a, const Provenance& b);
+
+// Whether images with these provenances may differ, and why, as a sentence without a full stop.
+enum class Expectation {
+	Same,      // nothing in the metadata explains a difference
+	Different, // something does
+	Unknown,   // a file does not say how it was made
+};
+struct Expected {
+	Expectation expectation = Expectation::Unknown;
+	std::string reason;
+};
+Expected expected_difference(const Provenance& a, const Provenance& b, bool is_encoded);
+
 } // namespace rt

@@ -58,19 +58,6 @@ std::string window_text(const Window& window)
 	return fmt::format("{},{},{},{}", window.x, window.x + window.width, window.y, window.y + window.height);
 }
 
-const char* transfer_name(Transfer transfer)
-{
-	switch (transfer) {
-	case Transfer::Srgb:
-		return "srgb";
-	case Transfer::Gamma2:
-		return "gamma2";
-	case Transfer::Linear:
-		return "linear";
-	}
-	return "";
-}
-
 std::string samples_text(const Film& film)
 {
 	const std::uint32_t least = film.min_samples(), most = film.max_samples();

@@ -37,8 +37,6 @@ Provenance provenance_of(const FilmOrigin& origin, const Film& film, const std::
 
 // "0,640,0,480": a window as --crop takes it.
 std::string window_text(const Window& window);
-// "srgb", "gamma2" or "linear": a transfer as --transfer takes it.
-const char* transfer_name(Transfer transfer);
 // "128", or "12 to 14" of an uneven film.
 std::string samples_text(const Film& film);
 

@@ -25,6 +25,7 @@ namespace rt {
 struct Quirk {
 	std::string flag;
 	std::string reason;
+	bool odd = false; // comes from the surroundings and may change results: told before a verdict (odd_environment.h)
 };
 
 enum class DeviceKind { Gpu, Cpu, Accelerator, Host };

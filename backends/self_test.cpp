@@ -187,34 +187,39 @@ Answer expected(std::uint32_t operation, std::uint32_t a, std::uint32_t b, std::
 }
 
 struct Question {
+	const char* group;
 	const char* name;
 	std::uint32_t operation;
 	Domain domain;
 	bool required;
 };
 
+constexpr const char *floats = "float arithmetic", *comparisons = "comparison and minimum, NaN and zeros",
+                     *conversions = "conversions", *integers = "shifts and integers", *longs = "64-bit integers",
+                     *functions = "functions made of these", *subnormals = "subnormals";
+
 constexpr Question questions[] = {
-    {"addition", RT_PROBE_ADD, Domain::Ordinary, true},
-    {"subtraction", RT_PROBE_SUBTRACT, Domain::Ordinary, true},
-    {"multiplication", RT_PROBE_MULTIPLY, Domain::Ordinary, true},
-    {"fma", RT_PROBE_FMA, Domain::Ordinary, true},
-    {"square root", RT_PROBE_ROOT, Domain::Positive, true},
-    {"reciprocal", RT_PROBE_RECIPROCAL, Domain::Ordinary, true},
-    {"comparison and minimum, with NaN and zeros", RT_PROBE_COMPARE, Domain::Special, true},
-    {"int to float", RT_PROBE_TO_FLOAT, Domain::Integers, true},
-    {"float to int", RT_PROBE_TO_INT, Domain::SmallIntegers, true},
-    {"shifts", RT_PROBE_SHIFT, Domain::Integers, true},
-    {"32-bit integers", RT_PROBE_INTEGER, Domain::Integers, true},
-    {"64-bit addition", RT_PROBE_LONG_ADD, Domain::Integers, true},
-    {"64-bit multiplication", RT_PROBE_LONG_MULTIPLY, Domain::Integers, true},
-    {"sine and cosine", RT_PROBE_SINCOS, Domain::Turns, true},
-    {"atan2", RT_PROBE_ATAN2, Domain::Ordinary, true},
-    {"random numbers", RT_PROBE_RANDOM, Domain::Integers, true},
-    {"radiance to integer", RT_PROBE_FILM, Domain::Radiance, true},
+    {floats, "addition", RT_PROBE_ADD, Domain::Ordinary, true},
+    {floats, "subtraction", RT_PROBE_SUBTRACT, Domain::Ordinary, true},
+    {floats, "multiplication", RT_PROBE_MULTIPLY, Domain::Ordinary, true},
+    {floats, "fma", RT_PROBE_FMA, Domain::Ordinary, true},
+    {floats, "square root", RT_PROBE_ROOT, Domain::Positive, true},
+    {floats, "reciprocal", RT_PROBE_RECIPROCAL, Domain::Ordinary, true},
+    {comparisons, "comparison and minimum, with NaN and zeros", RT_PROBE_COMPARE, Domain::Special, true},
+    {conversions, "int to float", RT_PROBE_TO_FLOAT, Domain::Integers, true},
+    {conversions, "float to int", RT_PROBE_TO_INT, Domain::SmallIntegers, true},
+    {integers, "shifts", RT_PROBE_SHIFT, Domain::Integers, true},
+    {integers, "32-bit integers", RT_PROBE_INTEGER, Domain::Integers, true},
+    {longs, "64-bit addition", RT_PROBE_LONG_ADD, Domain::Integers, true},
+    {longs, "64-bit multiplication", RT_PROBE_LONG_MULTIPLY, Domain::Integers, true},
+    {functions, "sine and cosine", RT_PROBE_SINCOS, Domain::Turns, true},
+    {functions, "atan2", RT_PROBE_ATAN2, Domain::Ordinary, true},
+    {functions, "random numbers", RT_PROBE_RANDOM, Domain::Integers, true},
+    {functions, "radiance to integer", RT_PROBE_FILM, Domain::Radiance, true},
     // Rule 5 keeps ordinary scenes away from subnormals, so a device that flushes them is told of and not refused.
-    {"subnormal products", RT_PROBE_MULTIPLY, Domain::Subnormal, false},
-    {"subnormal comparison", RT_PROBE_COMPARE, Domain::SubnormalPairs, false},
-    {"subnormal fma", RT_PROBE_FMA, Domain::Subnormal, false},
+    {subnormals, "subnormal products", RT_PROBE_MULTIPLY, Domain::Subnormal, false},
+    {subnormals, "subnormal comparison", RT_PROBE_COMPARE, Domain::SubnormalPairs, false},
+    {subnormals, "subnormal fma", RT_PROBE_FMA, Domain::Subnormal, false},
 };
 
 bool is_root(std::uint32_t operation) { return operation == RT_PROBE_ROOT || operation == RT_PROBE_RECIPROCAL; }
@@ -242,7 +247,7 @@ Result<SelfTestItem> ask(Device& device, const ProgramHandle& program, const Que
 	RT_TRY(device.wait());
 	RT_TRY(device.read(out, 0, answers.data(), answers.size() * sizeof(std::uint32_t)));
 
-	SelfTestItem item{question.name, true, question.required, {}};
+	SelfTestItem item{question.name, question.group, true, question.required, {}};
 	std::size_t wrong = 0;
 	for (std::size_t i = 0; i < items; ++i) {
 		const Answer want = expected(question.operation, operands.a[i], operands.b[i], operands.c[i]);
@@ -282,7 +287,7 @@ Result<SelfTestItem> ask_layout(Device& device, const ProgramHandle& program)
 	RT_TRY(device.launch(program, "rt_probe_layout", 1, {memory, out}));
 	RT_TRY(device.wait());
 	RT_TRY(device.read(out, 0, answers.data(), answers.size() * sizeof(std::uint32_t)));
-	SelfTestItem item{"layout of the shared structs", true, true, {}};
+	SelfTestItem item{"layout of the shared structs", "struct layout", true, true, {}};
 	for (std::size_t i = 0; i < layout_count && item.passed; ++i)
 		if (answers[i] != layout[i].value) {
 			item.passed = false;
@@ -295,8 +300,8 @@ Result<SelfTestItem> ask_layout(Device& device, const ProgramHandle& program)
 Result<SelfTestItem> ask_stress_tile(Device& device, const ProgramHandle& program, bool through_tree)
 {
 	RT_TRY_ASSIGN(const Hash128 hash, render_stress_tile(device, program, through_tree));
-	SelfTestItem item{
-	    through_tree ? "stress tile through a tree" : "stress tile", hash.hex() == stress_tile_hash, true, {}};
+	SelfTestItem item{through_tree ? "stress tile through a tree" : "stress tile", "a whole image",
+	                  hash.hex() == stress_tile_hash, true, {}};
 	if (!item.passed)
 		item.detail = fmt::format("hash {}, the contract says {}", hash.hex(), stress_tile_hash);
 	return item;

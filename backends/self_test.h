@@ -11,7 +11,8 @@
 namespace rt {
 
 struct SelfTestItem {
-	std::string name; // "fma", "sqrt", "subnormals", "layout of rt_material", "stress tile", ...
+	std::string name;  // "fma", "square root", "subnormal products", "stress tile", ...
+	std::string group; // what it is a part of: "float arithmetic", "conversions", ...
 	bool passed = false;
 	bool required = true; // false: told, but no reason to refuse the device (flushed subnormals, rule 5)
 	std::string detail;   // first difference: operands, expected and got, in hex

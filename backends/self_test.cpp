@@ -194,9 +194,14 @@ struct Question {
 	bool required;
 };
 
-constexpr const char *floats = "float arithmetic", *comparisons = "comparison and minimum, NaN and zeros",
-                     *conversions = "conversions", *integers = "shifts and integers", *longs = "64-bit integers",
-                     *functions = "functions made of these", *subnormals = "subnormals";
+// The groups, as a row of a table names them.
+constexpr const char* floats = "+ - * fma sqrt reciprocal";
+constexpr const char* comparisons = "< <= == min, of NaN and zeros";
+constexpr const char* conversions = "int to float, float to int";
+constexpr const char* integers = "shifts, 32-bit integers";
+constexpr const char* longs = "64-bit + and *";
+constexpr const char* functions = "sincos atan2 random film";
+constexpr const char* subnormals = "subnormals: * < fma";
 
 constexpr Question questions[] = {
     {floats, "addition", RT_PROBE_ADD, Domain::Ordinary, true},
@@ -287,7 +292,7 @@ Result<SelfTestItem> ask_layout(Device& device, const ProgramHandle& program)
 	RT_TRY(device.launch(program, "rt_probe_layout", 1, {memory, out}));
 	RT_TRY(device.wait());
 	RT_TRY(device.read(out, 0, answers.data(), answers.size() * sizeof(std::uint32_t)));
-	SelfTestItem item{"layout of the shared structs", "struct layout", true, true, {}};
+	SelfTestItem item{"layout of the shared structs", "layout of structs", true, true, {}};
 	for (std::size_t i = 0; i < layout_count && item.passed; ++i)
 		if (answers[i] != layout[i].value) {
 			item.passed = false;
@@ -300,7 +305,7 @@ Result<SelfTestItem> ask_layout(Device& device, const ProgramHandle& program)
 Result<SelfTestItem> ask_stress_tile(Device& device, const ProgramHandle& program, bool through_tree)
 {
 	RT_TRY_ASSIGN(const Hash128 hash, render_stress_tile(device, program, through_tree));
-	SelfTestItem item{through_tree ? "stress tile through a tree" : "stress tile", "a whole image",
+	SelfTestItem item{through_tree ? "stress tile through a tree" : "stress tile", "an image of 32x32",
 	                  hash.hex() == stress_tile_hash, true, {}};
 	if (!item.passed)
 		item.detail = fmt::format("hash {}, the contract says {}", hash.hex(), stress_tile_hash);

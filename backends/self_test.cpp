@@ -305,8 +305,11 @@ Result<SelfTestItem> ask_layout(Device& device, const ProgramHandle& program)
 Result<SelfTestItem> ask_stress_tile(Device& device, const ProgramHandle& program, bool through_tree)
 {
 	RT_TRY_ASSIGN(const Hash128 hash, render_stress_tile(device, program, through_tree));
-	SelfTestItem item{through_tree ? "stress tile through a tree" : "stress tile", "an image of 32x32",
-	                  hash.hex() == stress_tile_hash, true, {}};
+	SelfTestItem item{through_tree ? "stress tile through a tree" : "stress tile",
+	                  "an image of 32x32",
+	                  hash.hex() == stress_tile_hash,
+	                  true,
+	                  {}};
 	if (!item.passed)
 		item.detail = fmt::format("hash {}, the contract says {}", hash.hex(), stress_tile_hash);
 	return item;

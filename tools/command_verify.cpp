@@ -102,16 +102,20 @@ private:
 		add_row(rows, "atomic operations", [](const VerifiedDevice&) -> std::string { return "none used"; });
 		if (!report_.probe_only) {
 			for (const FilmVariant variant :
-			     {FilmVariant::Generic, FilmVariant::Specialised, FilmVariant::SoftwareRoots})
+			     {FilmVariant::Generic, FilmVariant::Specialised, FilmVariant::SoftwareRoots, FilmVariant::Tree})
 				add_films(rows, variant);
 			add_row(rows, "path segments/s", [](const VerifiedDevice& device) -> std::string {
 				return device.speed ? format_quantity(device.speed->rays_per_second) : "not measured";
 			});
-			add_row(rows, "of its measured peak", [](const VerifiedDevice& device) -> std::string {
-				return device.speed && device.speed->share_of_peak
-				           ? fmt::format("{:.1f} %", *device.speed->share_of_peak * 100)
-				           : "not measured";
+			const bool any_peak = std::any_of(list().begin(), list().end(), [](const VerifiedDevice& device) {
+				return device.speed && device.speed->share_of_peak;
 			});
+			if (any_peak)
+				add_row(rows, "of its measured peak", [](const VerifiedDevice& device) -> std::string {
+					return device.speed && device.speed->share_of_peak
+					           ? fmt::format("{:.1f} %", *device.speed->share_of_peak * 100)
+					           : "not measured";
+				});
 		}
 		add_row(rows, "verdict",
 		        [](const VerifiedDevice& device) -> std::string { return device.passed() ? "passed" : "FAILED"; });

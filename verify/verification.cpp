@@ -117,6 +117,8 @@ private:
 		if (options_.depth == VerifyDepth::Full && !verified.probe.needs_software_roots &&
 		    !verified.info.hardware_seeds)
 			variants.push_back(FilmVariant::SoftwareRoots);
+		if (options_.depth == VerifyDepth::Full)
+			variants.push_back(FilmVariant::Tree);
 		return variants;
 	}
 
@@ -126,6 +128,7 @@ private:
 		session.samples = scene.samples;
 		session.specialise = variant == FilmVariant::Specialised;
 		session.software_roots = software_roots || variant == FilmVariant::SoftwareRoots;
+		session.bvh = variant == FilmVariant::Tree ? Acceleration::Always : Acceleration::Auto;
 		return session;
 	}
 
@@ -275,6 +278,8 @@ const char* variant_name(FilmVariant variant)
 		return "specialised";
 	case FilmVariant::SoftwareRoots:
 		return "software roots";
+	case FilmVariant::Tree:
+		return "through a tree";
 	}
 	return "";
 }

@@ -24,7 +24,7 @@ namespace rt {
 enum class VerifyDepth {
 	Quick,    // golden scenes with the generic program
 	Standard, // and with programs specialised to them
-	Full,     // all shipped scenes, and software roots too
+	Full,     // all shipped scenes; software roots and trees too
 };
 
 struct VerificationOptions {
@@ -35,7 +35,7 @@ struct VerificationOptions {
 };
 
 // How a scene's program was made.
-enum class FilmVariant { Generic, Specialised, SoftwareRoots };
+enum class FilmVariant { Generic, Specialised, SoftwareRoots, Tree };
 const char* variant_name(FilmVariant variant);
 
 struct FilmCheck {

@@ -224,7 +224,8 @@ TEST_CASE("a driver that was handed fast-math flags fails, by name of the operat
 	CHECK(report["devices"][last]["passed"] == true);
 	CHECK(report["differing_pixels"][0][last] > 0);
 	bool named = false;
-	for (const Json& row : json_of(where / "ledger.json")["rows"])
+	const Json ledger = json_of(where / "ledger.json");
+	for (const Json& row : ledger["rows"])
 		named = named || (row["passed"] == false && contains(row["why"], "reciprocal") &&
 		                  contains(row["environment"], "fast-relaxed-math"));
 	CHECK(named);

@@ -148,14 +148,21 @@ void cache_store(const CacheKey& key, const std::vector<std::uint8_t>& payload)
 		unlink(temporary.c_str());
 }
 
+bool changes_code(std::string_view name)
+{
+	for (const std::string_view prefix :
+	     {"AMD_", "CL_CONFIG_", "CUDA_", "GALLIVM_", "IGC_", "LP_", "NV_", "POCL_", "RUSTICL_"})
+		if (name.substr(0, prefix.size()) == prefix)
+			return true;
+	return false;
+}
+
 std::string cache_environment()
 {
 	std::vector<std::string> found;
 	for (char** entry = environ; entry && *entry; ++entry)
-		for (const char* prefix :
-		     {"AMD_", "CL_CONFIG_", "CUDA_", "GALLIVM_", "IGC_", "LP_", "NV_", "POCL_", "RUSTICL_"})
-			if (std::strncmp(*entry, prefix, std::strlen(prefix)) == 0)
-				found.emplace_back(*entry);
+		if (changes_code(*entry))
+			found.emplace_back(*entry);
 	std::sort(found.begin(), found.end());
 	return fmt::format("{}", fmt::join(found, " "));
 }

@@ -13,6 +13,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace rt {
@@ -20,6 +21,9 @@ namespace rt {
 struct CacheKey {
 	std::string backend, platform, device, driver, compiler, options, text;
 };
+
+// Whether a variable of this name may change the code that a driver makes.
+bool changes_code(std::string_view name);
 
 // The environment variables by which drivers let their code generation be changed, with their values: whoever keeps
 // something that depends on a driver's code puts them into its key.

@@ -187,34 +187,44 @@ Answer expected(std::uint32_t operation, std::uint32_t a, std::uint32_t b, std::
 }
 
 struct Question {
+	const char* group;
 	const char* name;
 	std::uint32_t operation;
 	Domain domain;
 	bool required;
 };
 
+// The groups, as a row of a table names them.
+constexpr const char* floats = "+ - * fma sqrt reciprocal";
+constexpr const char* comparisons = "< <= == min, of NaN and zeros";
+constexpr const char* conversions = "int to float, float to int";
+constexpr const char* integers = "shifts, 32-bit integers";
+constexpr const char* longs = "64-bit + and *";
+constexpr const char* functions = "sincos atan2 random film";
+constexpr const char* subnormals = "subnormals: * < fma";
+
 constexpr Question questions[] = {
-    {"addition", RT_PROBE_ADD, Domain::Ordinary, true},
-    {"subtraction", RT_PROBE_SUBTRACT, Domain::Ordinary, true},
-    {"multiplication", RT_PROBE_MULTIPLY, Domain::Ordinary, true},
-    {"fma", RT_PROBE_FMA, Domain::Ordinary, true},
-    {"square root", RT_PROBE_ROOT, Domain::Positive, true},
-    {"reciprocal", RT_PROBE_RECIPROCAL, Domain::Ordinary, true},
-    {"comparison and minimum, with NaN and zeros", RT_PROBE_COMPARE, Domain::Special, true},
-    {"int to float", RT_PROBE_TO_FLOAT, Domain::Integers, true},
-    {"float to int", RT_PROBE_TO_INT, Domain::SmallIntegers, true},
-    {"shifts", RT_PROBE_SHIFT, Domain::Integers, true},
-    {"32-bit integers", RT_PROBE_INTEGER, Domain::Integers, true},
-    {"64-bit addition", RT_PROBE_LONG_ADD, Domain::Integers, true},
-    {"64-bit multiplication", RT_PROBE_LONG_MULTIPLY, Domain::Integers, true},
-    {"sine and cosine", RT_PROBE_SINCOS, Domain::Turns, true},
-    {"atan2", RT_PROBE_ATAN2, Domain::Ordinary, true},
-    {"random numbers", RT_PROBE_RANDOM, Domain::Integers, true},
-    {"radiance to integer", RT_PROBE_FILM, Domain::Radiance, true},
+    {floats, "addition", RT_PROBE_ADD, Domain::Ordinary, true},
+    {floats, "subtraction", RT_PROBE_SUBTRACT, Domain::Ordinary, true},
+    {floats, "multiplication", RT_PROBE_MULTIPLY, Domain::Ordinary, true},
+    {floats, "fma", RT_PROBE_FMA, Domain::Ordinary, true},
+    {floats, "square root", RT_PROBE_ROOT, Domain::Positive, true},
+    {floats, "reciprocal", RT_PROBE_RECIPROCAL, Domain::Ordinary, true},
+    {comparisons, "comparison and minimum, with NaN and zeros", RT_PROBE_COMPARE, Domain::Special, true},
+    {conversions, "int to float", RT_PROBE_TO_FLOAT, Domain::Integers, true},
+    {conversions, "float to int", RT_PROBE_TO_INT, Domain::SmallIntegers, true},
+    {integers, "shifts", RT_PROBE_SHIFT, Domain::Integers, true},
+    {integers, "32-bit integers", RT_PROBE_INTEGER, Domain::Integers, true},
+    {longs, "64-bit addition", RT_PROBE_LONG_ADD, Domain::Integers, true},
+    {longs, "64-bit multiplication", RT_PROBE_LONG_MULTIPLY, Domain::Integers, true},
+    {functions, "sine and cosine", RT_PROBE_SINCOS, Domain::Turns, true},
+    {functions, "atan2", RT_PROBE_ATAN2, Domain::Ordinary, true},
+    {functions, "random numbers", RT_PROBE_RANDOM, Domain::Integers, true},
+    {functions, "radiance to integer", RT_PROBE_FILM, Domain::Radiance, true},
     // Rule 5 keeps ordinary scenes away from subnormals, so a device that flushes them is told of and not refused.
-    {"subnormal products", RT_PROBE_MULTIPLY, Domain::Subnormal, false},
-    {"subnormal comparison", RT_PROBE_COMPARE, Domain::SubnormalPairs, false},
-    {"subnormal fma", RT_PROBE_FMA, Domain::Subnormal, false},
+    {subnormals, "subnormal products", RT_PROBE_MULTIPLY, Domain::Subnormal, false},
+    {subnormals, "subnormal comparison", RT_PROBE_COMPARE, Domain::SubnormalPairs, false},
+    {subnormals, "subnormal fma", RT_PROBE_FMA, Domain::Subnormal, false},
 };
 
 bool is_root(std::uint32_t operation) { return operation == RT_PROBE_ROOT || operation == RT_PROBE_RECIPROCAL; }
@@ -242,7 +252,7 @@ Result<SelfTestItem> ask(Device& device, const ProgramHandle& program, const Que
 	RT_TRY(device.wait());
 	RT_TRY(device.read(out, 0, answers.data(), answers.size() * sizeof(std::uint32_t)));
 
-	SelfTestItem item{question.name, true, question.required, {}};
+	SelfTestItem item{question.name, question.group, true, question.required, {}};
 	std::size_t wrong = 0;
 	for (std::size_t i = 0; i < items; ++i) {
 		const Answer want = expected(question.operation, operands.a[i], operands.b[i], operands.c[i]);
@@ -282,7 +292,7 @@ Result<SelfTestItem> ask_layout(Device& device, const ProgramHandle& program)
 	RT_TRY(device.launch(program, "rt_probe_layout", 1, {memory, out}));
 	RT_TRY(device.wait());
 	RT_TRY(device.read(out, 0, answers.data(), answers.size() * sizeof(std::uint32_t)));
-	SelfTestItem item{"layout of the shared structs", true, true, {}};
+	SelfTestItem item{"layout of the shared structs", "layout of structs", true, true, {}};
 	for (std::size_t i = 0; i < layout_count && item.passed; ++i)
 		if (answers[i] != layout[i].value) {
 			item.passed = false;
@@ -298,7 +308,11 @@ Result<SelfTestItem> ask_stress_tile(Device& device, const ProgramHandle& progra
 	const std::uint32_t lanes = lanes_for(device.info(), precision);
 	RT_TRY_ASSIGN(const Hash128 hash, render_stress_tile(device, program, lanes, through_tree));
 	const char* const wanted = precision == Precision::Double ? stress_tile_double_hash : stress_tile_hash;
-	SelfTestItem item{through_tree ? "stress tile through a tree" : "stress tile", hash.hex() == wanted, true, {}};
+	SelfTestItem item{through_tree ? "stress tile through a tree" : "stress tile",
+	                  "an image of 32x32",
+	                  hash.hex() == wanted,
+	                  true,
+	                  {}};
 	if (!item.passed)
 		item.detail = fmt::format("hash {}, the contract says {}", hash.hex(), wanted);
 	return item;
@@ -422,8 +436,10 @@ Result<SelfTestReport> self_test(const DeviceHandle& device, bool use_cache, Pre
 	if (!in_double && !report.passed && roots_at_fault(report)) {
 		RT_TRY_ASSIGN(SelfTestReport again, run(device, true));
 		// If that does not help, the first report names the culprit.
-		if (again.passed)
+		if (again.passed) {
+			again.native_roots_failure = report.first_failure();
 			report = std::move(again);
+		}
 	}
 	report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 	remember(device->info(), precision, report);

@@ -12,7 +12,8 @@
 namespace rt {
 
 struct SelfTestItem {
-	std::string name; // "fma", "sqrt", "subnormals", "layout of rt_material", "stress tile", ...
+	std::string name;  // "fma", "square root", "subnormal products", "stress tile", ...
+	std::string group; // what it is a part of: "float arithmetic", "conversions", ...
 	bool passed = false;
 	bool required = true; // false: told, but no reason to refuse the device (flushed subnormals, rule 5)
 	std::string detail;   // first difference: operands, expected and got, in hex
@@ -21,6 +22,7 @@ struct SelfTestItem {
 struct SelfTestReport {
 	std::vector<SelfTestItem> items;
 	bool needs_software_roots = false; // the device's own square root or reciprocal is at fault: build with ours
+	std::string native_roots_failure;  // what they did wrong then; not remembered in the cache
 	bool passed = false;               // the exact rung may be used
 	bool from_cache = false;
 	double seconds = 0;

@@ -10,6 +10,7 @@
 
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace rt {
 
@@ -23,5 +24,8 @@ Result<SceneFile> parse_scene(std::string_view text, const std::string& path);
 // 1000000 or 1e6). Shipped scenes are looked for in $RT_SCENES, ../share/rt/scenes beside the executable, and the
 // source tree the program was built from.
 Result<SceneFile> open_scene(const std::string& name);
+
+// Names of the shipped scenes found there ("weekend", "extremes/grazing"), sorted.
+std::vector<std::string> shipped_scenes();
 
 } // namespace rt

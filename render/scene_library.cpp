@@ -54,16 +54,6 @@ void list_scenes(const fs::path& directory, const std::string& prefix, std::vect
 	}
 }
 
-std::vector<std::string> shipped_scenes()
-{
-	std::vector<std::string> names;
-	for (const fs::path& directory : scene_directories())
-		list_scenes(directory, "", names);
-	std::sort(names.begin(), names.end());
-	names.erase(std::unique(names.begin(), names.end()), names.end());
-	return names;
-}
-
 // The N of "cloud-N": decimal digits, or a whole number in the form 1e6; nothing for other text. Numbers too large for
 // any cloud come back as the largest u64, for make_cloud to refuse.
 std::optional<std::uint64_t> count_from(std::string_view text)
@@ -95,6 +85,16 @@ std::optional<std::uint64_t> count_from(std::string_view text)
 constexpr std::string_view cloud_prefix = "cloud-";
 
 } // namespace
+
+std::vector<std::string> shipped_scenes()
+{
+	std::vector<std::string> names;
+	for (const fs::path& directory : scene_directories())
+		list_scenes(directory, "", names);
+	std::sort(names.begin(), names.end());
+	names.erase(std::unique(names.begin(), names.end()), names.end());
+	return names;
+}
 
 Result<SceneFile> open_scene(const std::string& name)
 {

@@ -33,7 +33,17 @@ unsigned read_control() { return 0; }
 void write_control(unsigned) {}
 #endif
 
+// Libraries that the program is linked with or that are preloaded are initialised before this.
+const FloatEnvironment environment_before_main = current_float_environment();
+
 } // namespace
+
+FloatEnvironment current_float_environment()
+{
+	return {std::fegetround() == FE_TONEAREST, (read_control() & flush_bits) != 0};
+}
+
+FloatEnvironment inherited_float_environment() { return environment_before_main; }
 
 ContractFloatEnvironment::ContractFloatEnvironment() : saved_rounding_(std::fegetround())
 {

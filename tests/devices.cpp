@@ -76,28 +76,18 @@ const TestDevice& reference_device()
 const std::vector<TestScene>& test_scenes()
 {
 	// Sizes are no multiples of a tile, sample counts no powers of two.
-	static const std::vector<TestScene> scenes = {
-	    {"three-spheres", 51, 34, 5, 1}, {"planets", 45, 30, 3, 2}, {"floating", 45, 30, 3, 3},
-	    {"one-sphere", 33, 22, 3, 4},    {"weekend", 30, 17, 2, 5}, {"cornell", 30, 23, 3, 6},
-	    {"furnace", 33, 22, 3, 7},       {"closed", 17, 13, 3, 8},  {"cloud-1000", 24, 15, 2, 9},
-	};
+	static const std::vector<TestScene> scenes = [] {
+		const Result<std::vector<TestScene>> table = golden_scenes();
+		if (!table)
+			FAIL(describe(table.error()));
+		return *table;
+	}();
 	return scenes;
 }
 
 PackedScene pack_test_scene(const TestScene& scene)
 {
-	const Result<SceneFile> file = open_scene(scene.name);
-	if (!file)
-		FAIL(scene.name << ": " << describe(file.error()));
-	const Result<Scene> frame = file->at_frame(0);
-	if (!frame)
-		FAIL(scene.name << ": " << describe(frame.error()));
-	RenderSettings settings = frame->render;
-	settings.width = scene.width;
-	settings.height = scene.height;
-	settings.samples = scene.samples;
-	settings.seed = scene.seed;
-	Result<PackedScene> packed = pack_scene(*frame, settings, {0, 0, settings.width, settings.height});
+	Result<PackedScene> packed = pack_golden_scene(scene);
 	if (!packed)
 		FAIL(scene.name << ": " << describe(packed.error()));
 	return std::move(packed).value();

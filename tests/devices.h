@@ -8,6 +8,7 @@
 #include "backends/backend.h"
 #include "backends/registry.h"
 #include "backends/self_test.h"
+#include "render/golden_scenes.h"
 #include "render/pack.h"
 #include "render/scene_file.h"
 #include "render/session.h"
@@ -29,11 +30,8 @@ struct TestDevice {
 const std::vector<TestDevice>& test_devices();
 const TestDevice& reference_device();
 
-// A scene small enough for a test, packed: shipped name or cloud-N.
-struct TestScene {
-	std::string name;
-	std::uint32_t width = 48, height = 32, samples = 3, seed = 1;
-};
+// Scenes small enough for a test: the golden ones.
+using TestScene = GoldenScene;
 const std::vector<TestScene>& test_scenes();
 PackedScene pack_test_scene(const TestScene& scene);
 

@@ -1,6 +1,7 @@
 #include "tools/command_devices.h"
 
 #include "backends/kernel_text.h"
+#include "backends/odd_environment.h"
 #include "backends/registry.h"
 #include "backends/self_test.h"
 #include "common/rt_contract.h"
@@ -19,55 +20,11 @@
 #include <utility>
 #include <vector>
 
-extern char** environ;
-
 namespace rt {
 
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-// Variables that choose or hide devices, change a driver's arithmetic, or move rt's own files. A name that ends in _
-// stands for all that begin with it.
-constexpr const char* telling_variables[] = {
-    "CL_CONFIG_USE_FAST_RELAXED_MATH",
-    "CUDA_VISIBLE_DEVICES",
-    "CUDA_DEVICE_ORDER",
-    "CUDA_CACHE_",
-    "GPU_DEVICE_ORDINAL",
-    "HSA_",
-    "LD_LIBRARY_PATH",
-    "LD_PRELOAD",
-    "LIBGL_ALWAYS_SOFTWARE",
-    "LP_NUM_THREADS",
-    "NO_COLOR",
-    "NVIDIA_",
-    "OCL_ICD_",
-    "OMP_NUM_THREADS",
-    "POCL_",
-    "ROCR_VISIBLE_DEVICES",
-    "RT_",
-    "RUSTICL_",
-    "XDG_CACHE_HOME",
-    "ZE_AFFINITY_MASK",
-};
-
-std::vector<std::pair<std::string, std::string>> telling_environment()
-{
-	std::vector<std::pair<std::string, std::string>> found;
-	for (char** entry = environ; entry != nullptr && *entry != nullptr; entry++) {
-		const std::string_view text = *entry;
-		const std::string_view name = text.substr(0, text.find('='));
-		const bool telling =
-		    std::any_of(std::begin(telling_variables), std::end(telling_variables), [&](std::string_view v) {
-			    return v.back() == '_' ? name.substr(0, v.size()) == v : name == v;
-		    });
-		if (telling && name.size() < text.size())
-			found.emplace_back(name, text.substr(name.size() + 1));
-	}
-	std::sort(found.begin(), found.end());
-	return found;
-}
 
 // What a self-test said, or why there is none.
 struct TestOutcome {
@@ -136,7 +93,7 @@ private:
 	std::string text() const
 	{
 		std::string out = table();
-		out += same_gpus();
+		out += oddities();
 		if (best_)
 			out += fmt::format("* is what --backend auto takes\n");
 		if (options_.verbose) {
@@ -177,16 +134,13 @@ private:
 		return tests_[i].report->passed ? "passed" : "FAILED";
 	}
 
-	// CUDA and OpenCL show one GPU each in their own way.
-	std::string same_gpus() const
+	// What should make the reader look twice. Where nothing is odd, nothing is said.
+	std::string oddities() const
 	{
 		std::string out;
-		const std::vector<DeviceInfo>& devices = found_.devices;
-		for (std::size_t i = 0; i < devices.size(); i++)
-			for (std::size_t j = i + 1; j < devices.size(); j++)
-				if (!devices[i].pci.empty() && devices[i].pci == devices[j].pci &&
-				    devices[i].backend != devices[j].backend)
-					out += fmt::format("{} and {} are the same device, pci:{}\n", i, j, devices[i].pci);
+		for (const Oddity& odd : odd_environment(found_))
+			out += options_.verbose ? fmt::format("odd: {}\n     {}\n", odd.headline(), odd.meaning)
+			                        : fmt::format("odd: {}\n", odd.headline());
 		return out;
 	}
 
@@ -298,6 +252,9 @@ private:
 		Json missing = Json::array();
 		for (const Absence& absence : found_.absences)
 			missing.push_back({{"backend", absence.backend}, {"reason", absence.reason}, {"cure", absence.cure}});
+		Json odd = Json::array();
+		for (const Oddity& oddity : odd_environment(found_))
+			odd.push_back({{"what", oddity.what}, {"meaning", oddity.meaning}, {"devices", oddity.devices}});
 		Json variables = Json::object();
 		for (const auto& [name, value] : telling_environment())
 			variables[name] = value;
@@ -308,6 +265,7 @@ private:
 		        {"auto", best_ ? Json(*best_) : Json(nullptr)},
 		        {"devices", devices},
 		        {"missing", missing},
+		        {"odd", odd},
 		        {"environment", variables}};
 	}
 

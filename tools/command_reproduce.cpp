@@ -82,12 +82,18 @@ private:
 		RT_TRY_ASSIGN(const std::string contract, value(provenance, "Contract"));
 		RT_TRY_ASSIGN(const std::string precision, value(provenance, "Precision"));
 		const std::string software = provenance_value(provenance, "Software");
-		if (contract != std::to_string(RT_CONTRACT_VERSION))
-			return unfit(fmt::format("the image is of numeric contract {}, this rt computes by {}", contract,
-			                         RT_CONTRACT_VERSION),
-			             fmt::format("reproduce it with the rt that made it: {}", software));
-		if (precision != precision_name)
+		bool known = false;
+		for (const Precision rung : {Precision::Exact, Precision::Fast, Precision::Double})
+			if (precision == precision_name(rung)) {
+				render_.precision = render_.device.precision = rung;
+				known = true;
+			}
+		if (!known)
 			return unfit(fmt::format("the image is of precision '{}', which this rt does not have", precision),
+			             fmt::format("reproduce it with the rt that made it: {}", software));
+		if (contract != contract_text(render_.precision))
+			return unfit(fmt::format("the image is of numeric contract {}, this rt computes by {}", contract,
+			                         contract_text(render_.precision)),
 			             fmt::format("reproduce it with the rt that made it: {}", software));
 		RT_TRY_ASSIGN(film_hash_, value(provenance, "FilmHash"));
 		if (provenance_value(provenance, "Samples").find(" to ") != std::string::npos)

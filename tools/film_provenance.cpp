@@ -44,13 +44,6 @@ private:
 	std::vector<std::string> values_;
 };
 
-// Whoever reads a fast image's metadata learns that its bits are not anybody else's.
-std::string contract_text(Precision precision)
-{
-	return precision == Precision::Fast ? "none: precision fast, other devices make other bits"
-	                                    : std::to_string(RT_CONTRACT_VERSION);
-}
-
 // A film is as trustworthy as its worst part.
 std::string self_test_of(const FilmOrigin& origin)
 {
@@ -59,6 +52,12 @@ std::string self_test_of(const FilmOrigin& origin)
 }
 
 } // namespace
+
+std::string contract_text(Precision precision)
+{
+	return precision == Precision::Fast ? "none: precision fast, other devices make other bits"
+	                                    : std::to_string(RT_CONTRACT_VERSION);
+}
 
 std::string software_text() { return fmt::format("rt {} ({})", RT_VERSION, RT_REVISION); }
 

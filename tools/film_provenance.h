@@ -31,6 +31,9 @@ struct FilmOrigin {
 	Provenance resumed;    // of the film that was gone on from; empty if there was none
 };
 
+// The value of the key Contract: the contract by which a rung's bits are one on all devices, or why there is none.
+std::string contract_text(Precision precision);
+
 // In the order and with the keys of provenance.h. `stats` may be empty while a render is under way.
 Provenance provenance_of(const FilmOrigin& origin, const Film& film, const std::vector<DeviceStats>& stats);
 

@@ -148,6 +148,15 @@ Result<T> parse_word(const char* option, const std::string& text,
 	return usage(fmt::format("{} does not know '{}'", option, text), "choose one of: " + known);
 }
 
+Result<ProgressMode> parse_progress(const std::string& text)
+{
+	return parse_word<ProgressMode>("--progress", text,
+	                                {{"auto", ProgressMode::Auto},
+	                                 {"plain", ProgressMode::Plain},
+	                                 {"json", ProgressMode::Json},
+	                                 {"none", ProgressMode::None}});
+}
+
 // ---- texts -------------------------------------------------------------------------------------------------------
 
 std::string version_text()
@@ -160,6 +169,7 @@ constexpr const char* commands_text = "Commands (each has its own --help):\n"
                                       "  render     render a scene to an image; the default, its name may be left out\n"
                                       "  devices    list what rt can run on, what is missing, and how to get it\n"
                                       "  info       what a scene contains and needs\n"
+                                      "  verify     are the devices and drivers here right? For bug reports\n"
                                       "  compare    two images: the same or not, where, by how much, and why\n"
                                       "  reproduce  an image rendered again from its own metadata, and compared\n";
 
@@ -368,11 +378,7 @@ Status check_rest(const RawRender& raw, RenderOptions& options)
 	    parse_word<Precision>("--precision", raw.precision,
 	                          {{"exact", Precision::Exact}, {"fast", Precision::Fast}, {"double", Precision::Double}}));
 	options.device.precision = options.precision;
-	RT_TRY_ASSIGN(options.progress, parse_word<ProgressMode>("--progress", raw.progress,
-	                                                         {{"auto", ProgressMode::Auto},
-	                                                          {"plain", ProgressMode::Plain},
-	                                                          {"json", ProgressMode::Json},
-	                                                          {"none", ProgressMode::None}}));
+	RT_TRY_ASSIGN(options.progress, parse_progress(raw.progress));
 	RT_TRY_ASSIGN(options.bvh, parse_word<Acceleration>("--bvh", raw.bvh,
 	                                                    {{"auto", Acceleration::Auto},
 	                                                     {"always", Acceleration::Always},
@@ -599,6 +605,47 @@ Result<CommandLine> parse_reproduce(std::vector<std::string> arguments)
 	return CommandLine(std::move(options));
 }
 
+Result<CommandLine> parse_verify(std::vector<std::string> arguments)
+{
+	VerifyOptions options;
+	bool quick = false, full = false;
+	std::string progress = "auto";
+	CLI::App app(
+	    "Are the devices and drivers here right? Their arithmetic by operation, films by hash, devices against\n"
+	    "each other, speed. One screen, made for pasting into a bug report.");
+	set_manners(app, "rt verify");
+	app.add_flag("--quick", quick, "each scene once, with the kernel for all scenes");
+	app.add_flag("--full", full, "all shipped scenes, kernels for all and for each,\nour own square roots too");
+	app.add_flag("--probe-only", options.probe_only, "the arithmetic alone: a verdict on the driver");
+	const auto add = [&app](const char* name, std::string& value, const char* type, const char* text,
+	                        const char* group) { app.add_option(name, value, text)->type_name(type)->group(group); };
+	add("--json", options.json, "FILE", "everything, for programs; - for standard output", "Output");
+	add("--html", options.html, "FILE", "one page with pictures and differences", "Output");
+	add("--ledger", options.ledger, "FILE", "add rows to this ledger (docs/ledger.json)", "Output");
+	add("--backend", options.device.backend, "NAME", "auto, cuda, opencl or reference (auto: all)", "Device");
+	add("-d,--device", options.device.device, "X",
+	    "only these: index, part of a name, pci:... or\nuuid:..., with commas", "Device");
+	add("--progress", progress, "HOW", "auto (on a terminal), plain, json or none", "Progress");
+	app.footer("Exit status: 0 if everything that was asked for passed; 4 if a device computes otherwise\n"
+	           "than the numeric contract says; 3, 5, 6 or 1 if one could not be asked; 2 usage; 7 files.");
+	RT_TRY_ASSIGN(const auto text, parse(app, std::move(arguments)));
+	if (text)
+		return CommandLine(*text);
+	if (quick && full)
+		return usage("--quick and --full exclude each other", "give one or the other, or neither");
+	if (options.probe_only && (quick || full))
+		return usage("--probe-only leaves out what --quick and --full choose", "give one of them");
+	options.depth = quick ? VerifyDepth::Quick : full ? VerifyDepth::Full : VerifyDepth::Standard;
+	for (const CLI::Option* option : app.get_options())
+		if (option->get_type_size() > 0 && option->count() > 0 && option->results().back().empty())
+			return usage(option->get_name() + " has an empty value", "leave it out or give it a value");
+	for (const std::string* file : {&options.html, &options.ledger})
+		if (*file == "-")
+			return usage("only --json can go to standard output", "name a file");
+	RT_TRY_ASSIGN(options.progress, parse_progress(progress));
+	return CommandLine(std::move(options));
+}
+
 } // namespace
 
 RenderSettings RenderOptions::settings_over(const RenderSettings& scene_settings) const
@@ -627,6 +674,8 @@ Result<CommandLine> parse_command_line(int argc, const char* const* argv)
 		return parse_compare(rest());
 	if (command == "reproduce")
 		return parse_reproduce(rest());
+	if (command == "verify")
+		return parse_verify(rest());
 	if (command == "help")
 		return parse_render({"--help"}, false);
 	return parse_render(std::move(arguments), false);

@@ -12,6 +12,7 @@
 #include "render/scene.h"
 #include "support/result.h"
 #include "tools/progress.h"
+#include "verify/verification.h"
 
 #include <cstdint>
 #include <optional>
@@ -76,13 +77,21 @@ struct ReproduceOptions {
 	bool json = false;
 };
 
+struct VerifyOptions {
+	DeviceRequest device; // without a device: all of the backend, all backends
+	VerifyDepth depth = VerifyDepth::Standard;
+	bool probe_only = false;
+	std::string json, html, ledger; // files; empty: none
+	ProgressMode progress = ProgressMode::Auto;
+};
+
 // --help and --version: text for standard output, and nothing else to do.
 struct TextRequest {
 	std::string text;
 };
 
-using CommandLine =
-    std::variant<RenderOptions, DevicesOptions, InfoOptions, CompareOptions, ReproduceOptions, TextRequest>;
+using CommandLine = std::variant<RenderOptions, DevicesOptions, InfoOptions, CompareOptions, ReproduceOptions,
+                                 VerifyOptions, TextRequest>;
 
 Result<CommandLine> parse_command_line(int argc, const char* const* argv);
 

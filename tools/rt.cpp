@@ -7,6 +7,7 @@
 #include "tools/command_info.h"
 #include "tools/command_render.h"
 #include "tools/command_reproduce.h"
+#include "tools/command_verify.h"
 #include "tools/options.h"
 #include "tools/report.h"
 
@@ -22,6 +23,8 @@ rt::Status run_command(const rt::RenderOptions& options) { return rt::run_render
 rt::Status run_command(const rt::DevicesOptions& options) { return rt::run_devices(options); }
 
 rt::Status run_command(const rt::InfoOptions& options) { return rt::run_info(options); }
+
+rt::Status run_command(const rt::VerifyOptions& options) { return rt::run_verify(options); }
 
 rt::Status run_command(const rt::TextRequest& request)
 {

@@ -301,6 +301,12 @@ Status CudaDevice::build_embedded(const ProgramSpec& spec, CudaProgram& program)
 		             context_->where(),
 		             fmt::format("use --precision exact, or install NVRTC\n{}", nvrtc_packages()),
 		             {}};
+	if (!spec.edits.empty())
+		return Error{ErrorKind::Build,
+		             "the kernels embedded when rt was built cannot be edited",
+		             context_->where(),
+		             fmt::format("install NVRTC\n{}", nvrtc_packages()),
+		             {}};
 	const std::string key = generic_key(spec);
 	for (const EmbeddedPtx* row = embedded_ptx; row->key; ++row) {
 		if (key != row->key)

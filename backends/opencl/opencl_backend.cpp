@@ -132,14 +132,18 @@ void add_quirks(const Platform& platform, DeviceInfo& info)
 		info.quirks.push_back({"driver's cache",
 		                       "asking PoCL for a compiled program makes it compile every kernel a second "
 		                       "time; its own cache makes the next start as fast"});
-	const auto flag_variable = [&info](const char* name) {
+	const auto flag_variable = [&info](const char* name, const char* reason =
+	                                                         "this variable hands the driver's compiler "
+	                                                         "options of its own, which may change the "
+	                                                         "arithmetic") {
 		if (const char* value = std::getenv(name))
-			info.quirks.push_back({fmt::format("{}={}", name, value),
-			                       "this variable hands the driver's compiler options of its own, which may change the "
-			                       "arithmetic"});
+			info.quirks.push_back({fmt::format("{}={}", name, value), reason, true});
 	};
-	if (platform.is_pocl())
+	if (platform.is_pocl()) {
 		flag_variable("POCL_EXTRA_BUILD_FLAGS");
+		flag_variable("POCL_KERNELLIB_NAME", "this variable makes PoCL compile for another processor; one without fma "
+		                                     "is slow, and exact only if its emulation is");
+	}
 	if (platform.is_intel())
 		flag_variable("CL_CONFIG_USE_FAST_RELAXED_MATH");
 	if (platform.is_amd()) {
@@ -320,7 +324,8 @@ private:
 			if (first != records_.end()) {
 				first->info.quirks.push_back({"registered twice",
 				                              "its driver is registered twice with the OpenCL loader; "
-				                              "rt uses the first"});
+				                              "rt uses the first",
+				                              true});
 				continue;
 			}
 			record.info.index_in_backend = static_cast<int>(records_.size());

@@ -141,6 +141,12 @@ public:
 			             {},
 			             "measure its parts on another backend",
 			             {}};
+		if (!spec.edits.empty())
+			return Error{ErrorKind::Build,
+			             "the reference backend's kernels were compiled with rt and cannot be edited",
+			             spec.edits.front().file,
+			             "plant faults in a device that compiles the kernels' text",
+			             {}};
 		const ReferenceVariant* variant = choose_variant(wanted);
 		if (!variant)
 			return Error{ErrorKind::Build,

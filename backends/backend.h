@@ -75,11 +75,19 @@ public:
 };
 using BufferHandle = std::shared_ptr<Buffer>;
 
+// Puts `replace` in the place of `find`, which must stand exactly once in the kernel file `file`. For tests that plant
+// a fault and want it found: nothing that renders has any.
+struct TextEdit {
+	std::string file, find, replace;
+};
+
 // Kernel text with everything that chooses a variant of it. All of it enters the cache key.
 struct ProgramSpec {
 	std::string root;                                         // embedded kernel file: "kernels/render.cl"
 	std::vector<std::pair<std::string, std::string>> defines; // emitted as #define lines above the text
 	std::vector<std::string> entries;                         // kernel functions that will be launched
+	std::vector<TextEdit> edits = {};                         // applied in order; an error where one does not apply,
+	                                                          // or where the kernels are not compiled from text
 };
 
 // The value of an integer define ("0x1fu", "8"), or `fallback` where the spec has none of that name.

@@ -52,6 +52,7 @@ public:
 		return success();
 	}
 
+	bool has_included(unsigned index) const { return included_[index]; }
 	std::string text() && { return std::move(text_); }
 
 private:
@@ -97,15 +98,51 @@ private:
 	std::string text_;
 };
 
+Error cannot_edit(const TextEdit& edit, const char* why)
+{
+	return Error{ErrorKind::Build,
+	             fmt::format("an edit of {} cannot be made: {}", edit.file, why),
+	             fmt::format("the text to be replaced: {}", edit.find),
+	             "give text that stands exactly once in a file of this program",
+	             {}};
+}
+
+Status apply(const TextEdit& edit, std::string& text)
+{
+	const std::size_t found = edit.find.empty() ? std::string::npos : text.find(edit.find);
+	if (found == std::string::npos)
+		return cannot_edit(edit, "its text is not there");
+	if (text.find(edit.find, found + 1) != std::string::npos)
+		return cannot_edit(edit, "its text is there more than once");
+	text.replace(found, edit.find.size(), edit.replace);
+	return success();
+}
+
 } // namespace
 
 Result<std::string> flatten_program(const ProgramSpec& spec, const EmbeddedText* files, unsigned file_count)
 {
+	std::vector<EmbeddedText> texts(files, files + file_count);
+	std::vector<std::string> edited(spec.edits.empty() ? 0 : file_count);
+	for (const TextEdit& edit : spec.edits) {
+		unsigned index = 0;
+		while (index < file_count && edit.file != files[index].path)
+			++index;
+		if (index == file_count)
+			return cannot_edit(edit, "there is no such file");
+		edited[index].assign(texts[index].text, texts[index].bytes);
+		RT_TRY(apply(edit, edited[index]));
+		texts[index] = {files[index].path, edited[index].data(), edited[index].size()};
+	}
 	std::string text;
 	for (const auto& [name, value] : spec.defines)
 		text += fmt::format("#define {} {}\n", name, value);
-	Flattener flattener(files, file_count);
+	Flattener flattener(texts.data(), file_count);
 	RT_TRY(flattener.add(spec.root, "the program's root file"));
+	for (const TextEdit& edit : spec.edits)
+		for (unsigned index = 0; index < file_count; ++index)
+			if (edit.file == files[index].path && !flattener.has_included(index))
+				return cannot_edit(edit, "the program does not include the file");
 	return text + std::move(flattener).text();
 }
 

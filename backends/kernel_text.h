@@ -11,6 +11,7 @@ namespace rt {
 
 // The text a device's compiler gets: the spec's defines, then its root file with every #include of an embedded
 // file replaced by that file (once), and #line directives so that logs point at kernels/...:line.
+// The spec's edits are made in the files first.
 // Includes are named from the project's root, as the host's compiler finds them; <system> includes stay as they are.
 // Tests give files of their own.
 Result<std::string> flatten_program(const ProgramSpec& spec, const EmbeddedText* files = embedded_texts,

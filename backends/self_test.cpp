@@ -388,8 +388,10 @@ Result<SelfTestReport> self_test(const DeviceHandle& device, bool use_cache)
 	if (!report.passed && roots_at_fault(report)) {
 		RT_TRY_ASSIGN(SelfTestReport again, run(device, true));
 		// If that does not help, the first report names the culprit.
-		if (again.passed)
+		if (again.passed) {
+			again.native_roots_failure = report.first_failure();
 			report = std::move(again);
+		}
 	}
 	report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 	remember(device->info(), report);

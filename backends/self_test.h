@@ -20,6 +20,7 @@ struct SelfTestItem {
 struct SelfTestReport {
 	std::vector<SelfTestItem> items;
 	bool needs_software_roots = false; // the device's own square root or reciprocal is at fault: build with ours
+	std::string native_roots_failure;  // what they did wrong then; not remembered in the cache
 	bool passed = false;               // the exact rung may be used
 	bool from_cache = false;
 	double seconds = 0;

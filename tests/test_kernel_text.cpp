@@ -104,6 +104,30 @@ TEST_CASE("places in a compiler's log become places in the files")
 	REQUIRE(placed("k/a.h:2:9: error") == "k/a.h:2:9: error");
 }
 
+TEST_CASE("edits are made once and in their own file, or are an error")
+{
+	const Table table({{"k/root.cl", "one\n#include \"k/a.h\"\nthree three\n"}, {"k/a.h", "one\n"}, {"k/b.h", "b\n"}});
+	const auto edited = [&table](std::vector<rt::TextEdit> edits) {
+		rt::ProgramSpec spec;
+		spec.root = "k/root.cl";
+		spec.edits = std::move(edits);
+		return table.flatten(spec);
+	};
+	const std::string before = "#line 1 \"k/root.cl\"\none\n#line 1 \"k/a.h\"\n";
+	const std::string after = "\n#line 3 \"k/root.cl\"\nthree three\n";
+	REQUIRE(edited({}).value() == before + "one" + after);
+	REQUIRE(edited({{"k/a.h", "one", "two"}}).value() == before + "two" + after);
+	REQUIRE(edited({{"k/a.h", "one", "two"}, {"k/a.h", "two", "five"}}).value() == before + "five" + after);
+	for (const rt::TextEdit& wrong :
+	     {rt::TextEdit{"k/a.h", "two", "one"}, rt::TextEdit{"k/root.cl", "three", "one"},
+	      rt::TextEdit{"k/b.h", "b", "c"}, rt::TextEdit{"k/c.h", "b", "c"}, rt::TextEdit{"k/a.h", "", "c"}}) {
+		const auto refused = edited({wrong});
+		REQUIRE_FALSE(refused);
+		REQUIRE(refused.error().kind == rt::ErrorKind::Build);
+		REQUIRE(refused.error().message.find(wrong.file) != std::string::npos);
+	}
+}
+
 TEST_CASE("the kernels' hash changes with every name, byte and border")
 {
 	const std::string hash = Table({{"a", "xy"}, {"b", "z"}}).hash();

@@ -292,6 +292,12 @@ Status CudaDevice::build_compiled(const ProgramSpec& spec, CudaProgram& program)
 
 Status CudaDevice::build_embedded(const ProgramSpec& spec, CudaProgram& program)
 {
+	if (!spec.edits.empty())
+		return Error{ErrorKind::Build,
+		             "the kernels embedded when rt was built cannot be edited",
+		             context_->where(),
+		             fmt::format("install NVRTC\n{}", nvrtc_packages()),
+		             {}};
 	const std::string key = generic_key(spec);
 	for (const EmbeddedPtx* row = embedded_ptx; row->key; ++row) {
 		if (key != row->key)

@@ -92,6 +92,12 @@ public:
 			             {},
 			             "use 1 lane",
 			             {}};
+		if (!spec.edits.empty())
+			return Error{ErrorKind::Build,
+			             "the reference backend's kernels were compiled with rt and cannot be edited",
+			             spec.edits.front().file,
+			             "plant faults in a device that compiles the kernels' text",
+			             {}};
 		const std::uint32_t features = integer_define(spec, "RT_FEATURES", RT_FEATURE_ALL);
 		const bool native_roots = integer_define(spec, "RT_DEF_NATIVE_ROOTS", 1) != 0;
 		const bool contracted = integer_define(spec, "RT_DEF_CONTRACT", 0) != 0;

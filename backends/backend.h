@@ -86,6 +86,7 @@ struct ProgramSpec {
 	std::string root;                                         // embedded kernel file: "kernels/render.cl"
 	std::vector<std::pair<std::string, std::string>> defines; // emitted as #define lines above the text
 	std::vector<std::string> entries;                         // kernel functions that will be launched
+	bool traced = false; // with a note behind every operation (backends/traced_text.h)
 	std::vector<TextEdit> edits = {};                         // applied in order; an error where one does not apply,
 	                                                          // or where the kernels are not compiled from text
 };

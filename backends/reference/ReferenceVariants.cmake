@@ -16,7 +16,8 @@ function(rt_reference_variant name features native_roots v3)
   add_library(${target} OBJECT reference/reference_kernels.cpp)
   target_include_directories(${target} PRIVATE "${PROJECT_SOURCE_DIR}")
   target_compile_definitions(${target} PRIVATE RT_VARIANT=${name} RT_FEATURES=${features}
-                             RT_DEF_NATIVE_ROOTS=${native_roots} RT_VARIANT_V3=${v3} RT_DEF_CONTRACT=${contracted})
+                             RT_DEF_NATIVE_ROOTS=${native_roots} RT_VARIANT_V3=${v3} RT_DEF_CONTRACT=${contracted}
+                             RT_TRACED=0)
   # -O3 whatever the preset: this is a backend.
   target_compile_options(${target} PRIVATE -O3 -fno-math-errno)
   if(v3)
@@ -49,6 +50,27 @@ rt_reference_variant(textured 0x76fu 1 ${RT_FAST}) # classic + checker, image
 rt_reference_variant(cloud 0x1b01u 1 ${RT_FAST})   # matte + permuted, bvh
 rt_reference_variant(crowd 0x1f8fu 1 ${RT_FAST})   # lens + permuted, bvh
 rt_reference_variant(lamps 0x41fu 1 ${RT_FAST})    # lambertian, metal, fuzz, dielectric, emission, wide
+
+# The traced kernels are a text that is made while rt is built. -O1: they trace single samples, and are large.
+add_executable(rt_make_traced "${PROJECT_SOURCE_DIR}/tools/make_traced.cpp")
+target_link_libraries(rt_make_traced PRIVATE rt_kernel_text rt_warnings)
+set(RT_TRACED_DIRECTORY "${CMAKE_CURRENT_BINARY_DIR}/traced")
+add_custom_command(
+  OUTPUT "${RT_TRACED_DIRECTORY}/traced_kernels.inc"
+  COMMAND ${CMAKE_COMMAND} -E make_directory "${RT_TRACED_DIRECTORY}"
+  COMMAND $<TARGET_FILE:rt_make_traced> "${RT_TRACED_DIRECTORY}/traced_kernels.inc"
+  DEPENDS rt_make_traced
+  COMMENT "Putting notes into the kernels' text"
+  VERBATIM)
+add_library(rt_reference_traced OBJECT reference/reference_kernels.cpp "${RT_TRACED_DIRECTORY}/traced_kernels.inc")
+target_include_directories(rt_reference_traced PRIVATE "${PROJECT_SOURCE_DIR}" "${RT_TRACED_DIRECTORY}")
+target_compile_definitions(rt_reference_traced PRIVATE RT_VARIANT=traced RT_VARIANT_V3=0 RT_DEF_CONTRACT=0
+                           RT_DEF_NATIVE_ROOTS=1 RT_TRACED=1)
+target_compile_options(rt_reference_traced PRIVATE -w -O1 -fno-math-errno)
+target_link_libraries(rt_reference_traced PRIVATE rt_strict_fp)
+target_sources(rt_backends PRIVATE $<TARGET_OBJECTS:rt_reference_traced>)
+string(APPEND RT_REFERENCE_DECLARATIONS "extern const ReferenceVariant traced;\n")
+string(APPEND RT_REFERENCE_TABLE "\t&traced,\n")
 
 file(CONFIGURE OUTPUT "${CMAKE_CURRENT_BINARY_DIR}/reference_variants.cpp" CONTENT
 "// Made by ReferenceVariants.cmake; do not edit.

@@ -70,13 +70,22 @@ const ReferenceVariant* choose_variant(std::uint32_t features, bool native_roots
 	};
 	for (unsigned i = 0; i < reference_variant_count; ++i) {
 		const ReferenceVariant& variant = *reference_variants[i];
-		if ((features & ~variant.features) != 0 || variant.native_roots != native_roots ||
+		if (variant.traced || (features & ~variant.features) != 0 || variant.native_roots != native_roots ||
 		    variant.contracted != contracted || (variant.needs_x86_64_v3 && !v3))
 			continue;
 		if (!best || rank(variant) < rank(*best))
 			best = &variant;
 	}
 	return best;
+}
+
+// Slow and generic: it traces single samples.
+const ReferenceVariant* traced_variant()
+{
+	for (unsigned i = 0; i < reference_variant_count; ++i)
+		if (reference_variants[i]->traced)
+			return reference_variants[i];
+	return nullptr;
 }
 
 class HostDevice final : public Device {
@@ -101,7 +110,8 @@ public:
 		const std::uint32_t features = integer_define(spec, "RT_FEATURES", RT_FEATURE_ALL);
 		const bool native_roots = integer_define(spec, "RT_DEF_NATIVE_ROOTS", 1) != 0;
 		const bool contracted = integer_define(spec, "RT_DEF_CONTRACT", 0) != 0;
-		const ReferenceVariant* variant = choose_variant(features, native_roots, contracted);
+		const ReferenceVariant* variant =
+		    spec.traced ? traced_variant() : choose_variant(features, native_roots, contracted);
 		if (!variant)
 			return Error{
 			    ErrorKind::Build,
@@ -112,7 +122,7 @@ public:
 			    {}};
 		BuildReport report;
 		report.variant = variant->name;
-		report.options = variant->needs_x86_64_v3 ? "-O3 -march=x86-64-v3" : "-O3";
+		report.options = variant->traced ? "-O1" : variant->needs_x86_64_v3 ? "-O3 -march=x86-64-v3" : "-O3";
 		report.options += contracted ? " -ffp-contract=fast" : " -ffp-contract=off";
 		auto program = std::make_shared<HostProgram>(*variant, std::move(report));
 		for (const std::string& entry : spec.entries)

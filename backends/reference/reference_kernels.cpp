@@ -1,5 +1,5 @@
 // Compiled once for each variant, with RT_FEATURES, RT_DEF_NATIVE_ROOTS, RT_DEF_CONTRACT, RT_VARIANT (an identifier)
-// and RT_VARIANT_V3.
+// and RT_VARIANT_V3; once more with RT_TRACED, whose kernels are a text that tools/make_traced.cpp wrote.
 #include "backends/reference/reference_kernels.h"
 
 namespace {
@@ -7,7 +7,11 @@ namespace {
 thread_local unsigned rt_host_global_id = 0;
 } // namespace
 
+#if RT_TRACED
+#include "traced_kernels.inc"
+#else
 #include "kernels/probe.cl" // includes kernels/render.cl
+#endif
 
 #include <tuple>
 #include <utility>
@@ -57,8 +61,11 @@ constexpr ReferenceKernel kernels[] = {
     entry<rt_clear>("rt_clear"),
     entry<rt_merge>("rt_merge"),
     entry<rt_render>("rt_render"),
+    entry<rt_identify>("rt_identify"),
+#if !RT_TRACED
     entry<rt_probe>("rt_probe"),
     entry<rt_probe_layout>("rt_probe_layout"),
+#endif
 };
 
 #define RT_QUOTE_(x) #x
@@ -69,6 +76,6 @@ constexpr ReferenceKernel kernels[] = {
 extern const ReferenceVariant RT_VARIANT;
 const ReferenceVariant RT_VARIANT = {
     RT_QUOTE(RT_VARIANT), RT_FEATURES, RT_DEF_NATIVE_ROOTS != 0,          RT_DEF_CONTRACT != 0,
-    RT_VARIANT_V3 != 0,   kernels,     sizeof kernels / sizeof kernels[0]};
+    RT_TRACED != 0,       RT_VARIANT_V3 != 0, kernels, sizeof kernels / sizeof kernels[0]};
 
 } // namespace rt

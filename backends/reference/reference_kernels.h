@@ -20,6 +20,7 @@ struct ReferenceVariant {
 	std::uint32_t features; // compiled in
 	bool native_roots;
 	bool contracted;      // the compiler may fuse products and sums, and finds none: for the tests of rule 3
+	bool traced;          // rt_render only, with notes (kernels/trace.h)
 	bool needs_x86_64_v3; // compiled for AVX2 and FMA
 	const ReferenceKernel* kernels;
 	unsigned kernel_count;

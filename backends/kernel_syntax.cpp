@@ -236,8 +236,8 @@ KernelType KernelDeclarations::type_named(const std::string& name) const
 {
 	using Type = KernelType::Kind;
 	static const std::map<std::string, Type> scalars = {
-	    {"rt_float", Type::Real}, {"float", Type::Real}, {"rt_int", Type::Int},  {"rt_i32", Type::Int},
-	    {"rt_mask", Type::Int},   {"int", Type::Int},    {"rt_uint", Type::Uint}, {"rt_u32", Type::Uint},
+	    {"rt_float", Type::Real}, {"float", Type::Real},   {"rt_int", Type::Int},   {"rt_i32", Type::Int},
+	    {"rt_mask", Type::Int},   {"int", Type::Int},      {"rt_uint", Type::Uint}, {"rt_u32", Type::Uint},
 	    {"rt_i64", Type::Long},   {"rt_u64", Type::Ulong}, {"void", Type::Void}};
 	if (const auto found = scalars.find(name); found != scalars.end())
 		return {found->second, name, false};
@@ -289,14 +289,15 @@ KernelDeclarations kernel_declarations(const std::vector<EmbeddedText>& files)
 KernelType read_kernel_type(const KernelDeclarations& declarations, const std::vector<KernelToken>& tokens,
                             std::size_t& at)
 {
-	static const std::set<std::string> qualifiers = {"const",      "RT_GLOBAL",   "RT_PRIVATE", "RT_RESTRICT",
-	                                                 "RT_TABLE", "struct", "static"};
+	static const std::set<std::string> qualifiers = {"const",    "RT_GLOBAL", "RT_UNIFORM", "RT_PRIVATE", "RT_RESTRICT",
+	                                                 "RT_TABLE", "struct",    "static"};
 	const std::size_t start = at;
 	KernelType type;
 	bool in_memory = false;
 	for (; tokens[at].kind == Kind::Name; ++at) {
 		if (qualifiers.count(tokens[at].text)) {
-			in_memory = in_memory || tokens[at].text == "RT_GLOBAL" || tokens[at].text == "RT_TABLE";
+			in_memory = in_memory || tokens[at].text == "RT_GLOBAL" || tokens[at].text == "RT_UNIFORM" ||
+			            tokens[at].text == "RT_TABLE";
 			continue;
 		}
 		if (type.kind != KernelType::Kind::Unknown)

@@ -17,8 +17,7 @@ using Type = KernelType::Kind;
 // Functions that stay as they are: each device has its own, or there is nothing in them to note.
 const std::set<std::string>& untouched_functions()
 {
-	static const std::set<std::string> names = {"rt_root",       "rt_rcp", "rt_seed_rsqrt",
-	                                            "rt_seed_rcp", "v3",     "v3_splat"};
+	static const std::set<std::string> names = {"rt_root", "rt_rcp", "rt_seed_rsqrt", "rt_seed_rcp", "v3", "v3_splat"};
 	return names;
 }
 
@@ -28,9 +27,9 @@ const std::map<std::string, KernelType>& compat_calls()
 	static const KernelType real{Type::Real, "rt_float", false}, integer{Type::Int, "rt_i32", false},
 	    natural{Type::Uint, "rt_u32", false};
 	static const std::map<std::string, KernelType> calls = {
-	    {"rt_splat", real},     {"rt_from_bits", real}, {"rt_splat_i", integer},  {"rt_any", integer},
-	    {"rt_not", integer},    {"RT_HAS", integer},    {"rt_splat_u", natural}, {"rt_bits", natural},
-	    {"rt_lane_ids", natural}};
+	    {"rt_splat", real},      {"rt_from_bits", real}, {"rt_splat_i", integer},
+	    {"rt_any", integer},     {"rt_not", integer},    {"RT_HAS", integer},
+	    {"rt_splat_u", natural}, {"rt_bits", natural},   {"rt_lane_ids", natural}};
 	return calls;
 }
 
@@ -149,10 +148,7 @@ private:
 
 	const Token& token() const { return tokens_[at_]; }
 	bool is(const char* mark) const { return tokens_[at_].is(mark); }
-	bool is_name(const char* name) const
-	{
-		return tokens_[at_].kind == Token::Kind::Name && tokens_[at_].text == name;
-	}
+	bool is_name(const char* name) const { return tokens_[at_].kind == Token::Kind::Name && tokens_[at_].text == name; }
 	bool take(const char* mark)
 	{
 		if (!is(mark))
@@ -252,7 +248,11 @@ private:
 		}
 		copy_to(end);
 		inside_ = true;
+		if (function_ == "rt_render" && is("{"))
+			add("{ rt_log = rt_own_log(rt_log); ");
 		statement();
+		if (function_ == "rt_render")
+			close();
 		inside_ = false;
 	}
 
@@ -327,8 +327,7 @@ private:
 			const std::size_t end = is("(") || is("[") || is("{") ? behind_bracket(tokens_, at_) : at_ + 1;
 			copy_to(end);
 			// A macro that is a statement has no semicolon behind it.
-			if (tokens_[end - 1].is(")") && token().line > tokens_[end - 1].line &&
-			    token().kind != Token::Kind::Mark)
+			if (tokens_[end - 1].is(")") && token().line > tokens_[end - 1].line && token().kind != Token::Kind::Mark)
 				return;
 		}
 		if (is(";"))
@@ -681,8 +680,8 @@ private:
 			return value;
 		}
 		if (is("("))
-			if (std::size_t at = at_ + 1; read_kernel_type(declarations_, tokens_, at).kind != Type::Unknown &&
-			                              tokens_[at].is(")"))
+			if (std::size_t at = at_ + 1;
+			    read_kernel_type(declarations_, tokens_, at).kind != Type::Unknown && tokens_[at].is(")"))
 				return cast();
 		if (is("*") || (token().kind != Token::Kind::Name && token().kind != Token::Kind::Number && !is("(")))
 			return read(place());
@@ -873,8 +872,8 @@ private:
 		if (name.text == "rt_root" || name.text == "rt_rcp")
 			return named(name.text == "rt_root" ? TraceKind::Root : TraceKind::Reciprocal, name.line,
 			             as_reals(arguments), scalar_type(Type::Real), text, from);
-		if (name.text == "rt_to_float" || ((name.text == "rt_to_int" || name.text == "rt_to_uint") &&
-		                                    arguments[0].type.kind == Type::Real))
+		if (name.text == "rt_to_float" ||
+		    ((name.text == "rt_to_int" || name.text == "rt_to_uint") && arguments[0].type.kind == Type::Real))
 			return named(TraceKind::Convert, name.line, arguments,
 			             scalar_type(name.text == "rt_to_float" ? Type::Real
 			                         : name.text == "rt_to_int" ? Type::Int

@@ -346,7 +346,8 @@ private:
 			PixelLaunch launch;
 			// Along the rows' pixels by the golden section, so that columns are tried evenly too.
 			launch.y = static_cast<std::uint32_t>(pixel / packed_.scene.window_width);
-			launch.x = static_cast<std::uint32_t>((std::uint64_t(i) * 40503u % 65536u) * packed_.scene.window_width >> 16);
+			launch.x =
+			    static_cast<std::uint32_t>((std::uint64_t(i) * 40503u % 65536u) * packed_.scene.window_width >> 16);
 			RT_TRY(compare_traces(launch));
 		}
 		end("operations", start);

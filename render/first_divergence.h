@@ -28,11 +28,11 @@ struct TracedDevice {
 struct DivergenceOptions {
 	std::uint32_t samples = 1;
 	bool specialise = true;
-	std::uint32_t lanes = 0;                                          // of the ordinary programs; 0: each device's own
-	std::optional<std::pair<std::uint32_t, std::uint32_t>> pixel;     // look at no other
-	std::optional<std::uint32_t> sample;                              // of that pixel
-	std::uint64_t most_notes = std::uint64_t(1) << 18;                // compared at a time
-	std::uint32_t pixels_to_trace = 16;                               // where the images are the same
+	std::uint32_t lanes = 0;                                      // of the ordinary programs; 0: each device's own
+	std::optional<std::pair<std::uint32_t, std::uint32_t>> pixel; // look at no other
+	std::optional<std::uint32_t> sample;                          // of that pixel
+	std::uint64_t most_notes = std::uint64_t(1) << 18;            // compared at a time
+	std::uint32_t pixels_to_trace = 16;                           // where the images are the same
 	const std::atomic<bool>* stop = nullptr;
 	std::function<void(const std::string&)> status;
 };
@@ -61,7 +61,7 @@ struct Divergence {
 	// Where no operation of the traced programs differs and the ordinary ones do:
 	std::optional<std::uint32_t> differing_depth; // the smallest max_depth with which they differ
 	std::optional<bool> one_lane_agrees;          // the judged device's ordinary program with 1 lane
-	std::string layout_failure;                   // what the self-test says of struct layouts, after a read that differs
+	std::string layout_failure; // what the self-test says of struct layouts, after a read that differs
 
 	// A device whose ordinary program was not made from this text: "" for neither, else the device's name.
 	std::string stale_device;

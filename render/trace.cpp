@@ -2,6 +2,7 @@
 
 #include "backends/embedded_text.h"
 #include "common/rt_features.h"
+#include "render/bvh.h"
 
 #include <algorithm>
 #include <fmt/format.h>
@@ -12,7 +13,7 @@ namespace rt {
 namespace {
 
 // kernels/trace.h
-constexpr std::size_t log_header_words = 4, log_note_words = 5;
+constexpr std::size_t log_header_words = 4, log_note_words = 5, log_items = 256;
 // A tile of the render kernel; all but one of its pixels lie outside of a window of one.
 constexpr std::uint32_t tile_pixels = 32;
 
@@ -47,10 +48,20 @@ Result<Tracer> Tracer::make(DeviceHandle device, const PackedScene& packed, cons
 {
 	Tracer tracer;
 	tracer.device_ = std::move(device);
-	tracer.scene_values_ = packed.scene;
 	tracer.lanes_ = options.lanes ? options.lanes : tracer.info().native_lanes;
 
-	const ProgramSpec spec = render_program(packed, tracer.info(), options);
+	const auto stored_for = [&packed, &options](std::uint32_t lanes) -> Result<PackedScene> {
+		if (wants_bvh(packed, lanes, options.bvh))
+			return with_bvh(packed, lanes);
+		return packed;
+	};
+	RT_TRY_ASSIGN(const PackedScene ordinary, stored_for(tracer.lanes_));
+	RT_TRY_ASSIGN(tracer.ordinary_scene_, tracer.upload(ordinary));
+	RT_TRY_ASSIGN(const PackedScene traced, stored_for(1));
+	RT_TRY_ASSIGN(tracer.traced_scene_, tracer.upload(traced));
+	RT_TRY_ASSIGN(tracer.film_, tracer.device_->alloc(sizeof(rt_film_pixel)));
+
+	const ProgramSpec spec = render_program(ordinary, tracer.info(), options);
 	tracer.expected_id_ = integer_define(spec, "RT_PROGRAM_ID", 0);
 	RT_TRY_ASSIGN(tracer.ordinary_, tracer.device_->build(spec));
 
@@ -62,12 +73,17 @@ Result<Tracer> Tracer::make(DeviceHandle device, const PackedScene& packed, cons
 	tracer.traced_spec_.defines = {{"RT_LANES", "1"},
 	                               {"RT_FEATURES", fmt::format("{:#x}u", unsigned(RT_FEATURE_ALL))},
 	                               {"RT_DEF_NATIVE_ROOTS", own_roots ? "0" : "1"}};
-	RT_TRY(tracer.upload(packed));
 	return tracer;
 }
 
-Status Tracer::upload(const PackedScene& packed)
+Result<Tracer::Resident> Tracer::upload(const PackedScene& packed) const
 {
+	Resident resident;
+	resident.scene = packed.scene;
+	if (packed.spheres.size() <= RT_MAX_FEW_SPHERES) {
+		std::copy(packed.spheres.begin(), packed.spheres.end(), resident.few.spheres);
+		std::copy(packed.wide.begin(), packed.wide.end(), resident.few.wide);
+	}
 	const auto put = [this](BufferHandle& buffer, const auto& list) -> Status {
 		// An empty list still needs memory that a kernel's argument can point to.
 		using Item = typename std::decay_t<decltype(list)>::value_type;
@@ -76,33 +92,45 @@ Status Tracer::upload(const PackedScene& packed)
 		RT_TRY_ASSIGN(buffer, device_->alloc(bytes));
 		return device_->write(buffer, 0, list.empty() ? &nothing : list.data(), bytes);
 	};
-	RT_TRY_ASSIGN(scene_, device_->alloc(sizeof(rt_scene)));
-	RT_TRY_ASSIGN(film_, device_->alloc(sizeof(rt_film_pixel)));
-	RT_TRY(put(spheres_, packed.spheres));
-	RT_TRY(put(wide_, packed.wide));
-	RT_TRY(put(ids_, packed.sphere_ids));
-	RT_TRY(put(sphere_materials_, packed.sphere_materials));
-	RT_TRY(put(materials_, packed.materials));
-	RT_TRY(put(textures_, packed.textures));
-	return put(texels_, packed.texels);
+	RT_TRY(put(resident.spheres, packed.spheres));
+	RT_TRY(put(resident.wide, packed.wide));
+	RT_TRY(put(resident.ids, packed.sphere_ids));
+	RT_TRY(put(resident.sphere_materials, packed.sphere_materials));
+	RT_TRY(put(resident.bvh, packed.bvh));
+	RT_TRY(put(resident.materials, packed.materials));
+	RT_TRY(put(resident.textures, packed.textures));
+	RT_TRY(put(resident.texels, packed.texels));
+	return resident;
 }
 
-Status Tracer::set_pixel(const PixelLaunch& launch, std::uint32_t max_depth)
+Result<std::vector<Argument>> Tracer::arguments(const Resident& resident, const PixelLaunch& launch,
+                                                std::uint32_t max_depth)
 {
-	rt_scene scene = scene_values_;
+	rt_scene scene = resident.scene;
 	scene.window_x = launch.x;
 	scene.window_y = launch.y;
 	scene.window_width = scene.window_height = 1;
 	if (max_depth)
 		scene.max_depth = max_depth;
-	RT_TRY(device_->write(scene_, 0, &scene, sizeof scene));
-	return device_->write(film_, 0, &launch.before, sizeof launch.before);
-}
-
-std::vector<Argument> Tracer::arguments(const PixelLaunch& launch) const
-{
-	return {scene_,     spheres_, wide_,  ids_, sphere_materials_, materials_,          textures_,
-	        texels_, film_,    0u,     1u,   launch.first_sample, launch.samples};
+	RT_TRY(device_->write(film_, 0, &launch.before, sizeof launch.before));
+	// One row, in one slice of one pixel.
+	return std::vector<Argument>{by_value(scene),
+	                             by_value(resident.few),
+	                             resident.spheres,
+	                             resident.wide,
+	                             resident.ids,
+	                             resident.sphere_materials,
+	                             resident.bvh,
+	                             resident.materials,
+	                             resident.textures,
+	                             resident.texels,
+	                             film_,
+	                             0u,
+	                             1u,
+	                             launch.first_sample,
+	                             launch.samples,
+	                             1u,
+	                             1u};
 }
 
 Result<rt_film_pixel> Tracer::film()
@@ -115,8 +143,8 @@ Result<rt_film_pixel> Tracer::film()
 
 Result<rt_film_pixel> Tracer::render(const PixelLaunch& launch, std::uint32_t max_depth)
 {
-	RT_TRY(set_pixel(launch, max_depth));
-	RT_TRY(device_->launch(ordinary_, "rt_render", tile_pixels / lanes_, arguments(launch)));
+	RT_TRY_ASSIGN(const std::vector<Argument> values, arguments(ordinary_scene_, launch, max_depth));
+	RT_TRY(device_->launch(ordinary_, "rt_render", tile_pixels / lanes_, values));
 	return film();
 }
 
@@ -125,17 +153,21 @@ Result<Trace> Tracer::trace(const PixelLaunch& launch, std::uint64_t first_note,
 	if (!traced_) {
 		RT_TRY_ASSIGN(traced_, device_->build(traced_spec_));
 	}
-	const std::size_t bytes = (log_header_words + most_notes * log_note_words) * sizeof(std::uint64_t);
+	// Behind the notes, room for one that does not fit, and a log of that size for each other work-item.
+	const std::size_t other_words = (log_items + 1) * (log_header_words + log_note_words);
+	const std::size_t bytes = (other_words + most_notes * log_note_words) * sizeof(std::uint64_t);
 	if (!log_ || log_->bytes() < bytes) {
 		log_.reset();
 		RT_TRY_ASSIGN(log_, device_->alloc(bytes));
 	}
+	const std::vector<std::uint64_t> nothing(other_words);
+	RT_TRY(
+	    device_->write(log_, bytes - other_words * sizeof nothing[0], nothing.data(), other_words * sizeof nothing[0]));
 	const std::uint64_t header[log_header_words] = {0, first_note, most_notes, 0};
 	RT_TRY(device_->write(log_, 0, header, sizeof header));
-	RT_TRY(set_pixel(launch, 0));
-	std::vector<Argument> with_log = arguments(launch);
+	RT_TRY_ASSIGN(std::vector<Argument> with_log, arguments(traced_scene_, launch, 0));
 	with_log.insert(with_log.begin(), log_);
-	RT_TRY(device_->launch(traced_, "rt_render", 1, with_log));
+	RT_TRY(device_->launch(traced_, "rt_render", 1, with_log, 1));
 
 	Trace trace;
 	trace.launch = launch;

@@ -60,14 +60,26 @@ public:
 	std::uint32_t expected_program_id() const { return expected_id_; }
 
 private:
+	// The scene in device memory, its spheres stored as a program of so many lanes wants them.
+	struct Resident {
+		rt_scene scene{};
+		rt_few_spheres few{};
+		BufferHandle spheres, wide, ids, sphere_materials, bvh, materials, textures, texels;
+	};
+
 	Tracer() = default;
-	Status upload(const PackedScene& packed);
-	Status set_pixel(const PixelLaunch& launch, std::uint32_t max_depth);
-	std::vector<Argument> arguments(const PixelLaunch& launch) const;
+	Result<Resident> upload(const PackedScene& packed) const;
+	// Arguments of rt_render, with the film set to what it holds before the launch.
+	Result<std::vector<Argument>> arguments(const Resident& scene, const PixelLaunch& launch, std::uint32_t max_depth);
 	Result<rt_film_pixel> film();
 
 	DeviceHandle device_;
-	rt_scene scene_values_{};
+	ProgramHandle ordinary_, traced_;
+	ProgramSpec traced_spec_;
+	Resident ordinary_scene_, traced_scene_;
+	BufferHandle film_, log_;
+	std::uint32_t lanes_ = 1, expected_id_ = 0;
+};
 	ProgramHandle ordinary_, traced_;
 	ProgramSpec traced_spec_;
 	BufferHandle scene_, spheres_, wide_, ids_, sphere_materials_, materials_, textures_, texels_, film_, log_;

@@ -74,7 +74,7 @@ std::optional<std::uint64_t> real_result(const TraceNote& note)
 			return static_cast<std::uint32_t>(a);
 		return std::nullopt;
 	default:
-		return compared(note.code.kind, a < b, a == b, a > b);
+		return compared(note.code.kind, a<b, a == b, a> b);
 	}
 }
 
@@ -121,7 +121,7 @@ std::optional<std::uint64_t> integer_result(const TraceNote& note)
 		return a & 0xffffffffu;
 	default:
 		return is_signed ? compared(note.code.kind, widened(a) < widened(b), a == b, widened(a) > widened(b))
-		                 : compared(note.code.kind, a < b, a == b, a > b);
+		                 : compared(note.code.kind, a<b, a == b, a> b);
 	}
 }
 
@@ -248,8 +248,9 @@ bool TraceComparison::compare(const Trace& judged, const Trace& against)
 		const TraceNote &mine = judged.notes[i], &theirs = against.notes[i];
 		position_.see(theirs);
 		// A place that differs alone is a matter of the text: a line more or less above.
-		const bool same = same_kind(mine, theirs) && ((same_operands(mine, theirs) && same_value(mine.result, theirs.result)) ||
-		                                              excused(mine, theirs));
+		const bool same =
+		    same_kind(mine, theirs) &&
+		    ((same_operands(mine, theirs) && same_value(mine.result, theirs.result)) || excused(mine, theirs));
 		if (!same)
 			found(judged, against, i);
 		else
@@ -290,8 +291,8 @@ void TraceComparison::found(const Trace& judged, const Trace& against, std::size
 			same_operations = same_kind(difference.expected_line[i], difference.got_line[i]);
 		if (same_operations || same_kind(difference.expected, difference.got)) {
 			if (same_kind(difference.expected, difference.got))
-				difference.kind = same_operands(difference.expected, difference.got) ? Difference::Result
-				                                                                     : Difference::Operands;
+				difference.kind =
+				    same_operands(difference.expected, difference.got) ? Difference::Result : Difference::Operands;
 		}
 		if (!same_operations) {
 			difference.kind = Difference::Operation;

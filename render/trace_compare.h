@@ -20,7 +20,7 @@ public:
 	void see(const TraceNote& note);
 
 	std::uint32_t sample() const { return starts_ > 0 ? starts_ - 1 : 0; } // of the launch
-	std::uint32_t bounce() const { return bounce_; } // 0: the camera's ray and what it meets
+	std::uint32_t bounce() const { return bounce_; }                       // 0: the camera's ray and what it meets
 	// Innermost first: "rt_root in rt_sqrt, kernels/math.h:87", ...
 	std::vector<std::string> stack() const;
 
@@ -40,8 +40,8 @@ enum class Difference {
 
 struct TraceDifference {
 	Difference kind = Difference::Result;
-	std::uint64_t index = 0;             // of the note
-	TraceNote expected, got;             // by the trace compared against, and by the one that is judged
+	std::uint64_t index = 0;              // of the note
+	TraceNote expected, got;              // by the trace compared against, and by the one that is judged
 	std::optional<std::uint64_t> correct; // of `expected`
 	std::uint32_t sample = 0, bounce = 0;
 	std::vector<std::string> stack;

@@ -69,8 +69,11 @@ void add_list(Hasher& hasher, const std::vector<T>& list)
 
 Error other_kernels(const std::string& path, const std::string& message)
 {
-	return Error{ErrorKind::Usage, message, path,
-	             "both sides must run the same version of rt: `rt --version` names its kernels", {}};
+	return Error{ErrorKind::Usage,
+	             message,
+	             path,
+	             "both sides must run the same version of rt: `rt --version` names its kernels",
+	             {}};
 }
 
 SavedTrace parse(const Json& json)
@@ -136,8 +139,8 @@ std::string write_trace(const SavedTrace& saved)
 		const auto [place, is_new] = known.emplace(std::make_tuple(note.code.what(), note.code.where()), sites.size());
 		if (is_new)
 			sites.push_back(site_json(note.code));
-		notes.push_back({place->second, hex(note.operands[0]), hex(note.operands[1]), hex(note.operands[2]),
-		                 hex(note.result)});
+		notes.push_back(
+		    {place->second, hex(note.operands[0]), hex(note.operands[1]), hex(note.operands[2]), hex(note.result)});
 	}
 	const PixelLaunch& launch = saved.trace.launch;
 	const Json head = {
@@ -145,8 +148,7 @@ std::string write_trace(const SavedTrace& saved)
 	    {"kernels", saved.kernels},
 	    {"contract", saved.contract},
 	    {"device", {{"backend", saved.backend}, {"name", saved.device}, {"driver", saved.driver}}},
-	    {"scene",
-	     {{"name", saved.scene}, {"inputs", saved.inputs}, {"width", saved.width}, {"height", saved.height}}},
+	    {"scene", {{"name", saved.scene}, {"inputs", saved.inputs}, {"width", saved.width}, {"height", saved.height}}},
 	    {"launch",
 	     {{"x", launch.x},
 	      {"y", launch.y},
@@ -176,20 +178,26 @@ Result<SavedTrace> read_trace(const std::string& text, const std::string& path)
 	try {
 		const Json json = Json::parse(text);
 		if (!json.is_object() || !json.contains("rt_trace") || json.at("rt_trace") != trace_format)
-			return Error{ErrorKind::InputOutput, "this is no trace of this version of rt", path,
-			             "make one with rt trace SCENE --pixel X,Y --json FILE", {}};
+			return Error{ErrorKind::InputOutput,
+			             "this is no trace of this version of rt",
+			             path,
+			             "make one with rt trace SCENE --pixel X,Y --json FILE",
+			             {}};
 		SavedTrace saved = parse(json);
 		if (saved.contract != RT_CONTRACT_VERSION)
 			return other_kernels(path, fmt::format("the trace is of contract {}, this rt of contract {}",
 			                                       saved.contract, RT_CONTRACT_VERSION));
 		if (saved.kernels != kernel_hash())
-			return other_kernels(path, fmt::format("the trace is of kernels {}, this rt has {}", saved.kernels,
-			                                       kernel_hash()));
+			return other_kernels(
+			    path, fmt::format("the trace is of kernels {}, this rt has {}", saved.kernels, kernel_hash()));
 		parse_notes(json, saved.trace);
 		return saved;
 	} catch (const std::exception& exception) {
-		return Error{ErrorKind::InputOutput, std::string("the trace cannot be read: ") + exception.what(), path,
-		             "make it anew with rt trace SCENE --pixel X,Y --json FILE", {}};
+		return Error{ErrorKind::InputOutput,
+		             std::string("the trace cannot be read: ") + exception.what(),
+		             path,
+		             "make it anew with rt trace SCENE --pixel X,Y --json FILE",
+		             {}};
 	}
 }
 

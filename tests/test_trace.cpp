@@ -43,10 +43,10 @@ std::vector<Planted> planted_faults(const TestDevice& device)
 	                         "rt_fma(-x, y, rt_splat(2.0f)); return y; }"};
 	return {
 	    {{"a contraction",
-	      {{"kernels/material.h", "rt_float ring = (p.s + p.s) * p.q;", "rt_float ring = rt_fma(p.s, p.q, p.s * p.q);"}}},
+	      {{"kernels/material.h", "rt_float ring = (p.s + p.s) * p.q;",
+	        "rt_float ring = rt_fma(p.s, p.q, p.s * p.q);"}}},
 	     {"addition", "multiplication"}},
-	    {{"an fma that rounds twice",
-	      {{"kernels/material.h", "rt_fma(w.x, n.x, w.y * n.y)", "w.x * n.x + w.y * n.y"}}},
+	    {{"an fma that rounds twice", {{"kernels/material.h", "rt_fma(w.x, n.x, w.y * n.y)", "w.x * n.x + w.y * n.y"}}},
 	     {"fma"}},
 	    {{"an approximate division", {approximate_division}}, {"reciprocal"}, "weekend", "*"},
 	    {{"a wrong constant", {{math, "rt_splat(0x1.03c1ep-2f)", "rt_splat(0x1.03c1e2p-2f)"}}}, {"fma"}},
@@ -55,9 +55,9 @@ std::vector<Planted> planted_faults(const TestDevice& device)
 	        "rt_mask front = projection > rt_splat(0.0f);"}}},
 	     {"comparison <"}},
 	    {{"a flushed subnormal",
-	      {{"common/rt_compat.h", "#define rt_lane_ids() 0u",
-	        "#define rt_lane_ids() 0u\nRT_FN float rt_flushed(float x) { return x < 0x1p-126f && x > -0x1p-126f ? 0.0f : "
-	        "x; }"},
+	      {{"common/rt_compat.h", "/* The one static assertion that every target takes.",
+	        "#define rt_flushed(x) rt_sel(((x) < 0x1p-126f) & ((x) > -0x1p-126f), rt_splat(0.0f), (x))\n/* The one "
+	        "static assertion that every target takes."},
 	       {"kernels/vec.h", "return v3(a.x * b.x, a.y * b.y, a.z * b.z);",
 	        "return v3(rt_flushed(a.x * b.x), a.y * b.y, a.z * b.z);"}}},
 	     {"multiplication"},
@@ -72,12 +72,12 @@ std::vector<Planted> planted_faults(const TestDevice& device)
 	     {"read"},
 	     "weekend",
 	     "kernels/path.h"},
-	    {{"a lost sign of the film's low sum",
-	      {{film, "(rt_i64)(rt_i32)(low - bias)", "(rt_i64)(low - bias)"}}},
+	    {{"a lost sign of the film's low sum", {{film, "(rt_i64)(rt_i32)(low - bias)", "(rt_i64)(low - bias)"}}},
 	     {"conversion"}},
 	    {{"a lost carry in the film",
 	      {{"kernels/render.cl", "pixel->g += rt_channel_total(g_high[lane], g_low[lane], sample_count);",
-	        "{ rt_i64 total = rt_channel_total(g_high[lane], g_low[lane], sample_count); pixel->g = (((pixel->g >> 32) + "
+	        "{ rt_i64 total = rt_channel_total(g_high[lane], g_low[lane], sample_count); pixel->g = (((pixel->g >> 32) "
+	        "+ "
 	        "(total >> 32)) << 32) | (rt_i64)((rt_u32)pixel->g + (rt_u32)total); }"}}},
 	     {"addition"}},
 	    {{"a wrong random dimension", {{"kernels/path.h", "rt_to_uint(path->depth + 1)", "rt_to_uint(path->depth)"}}},
@@ -99,7 +99,8 @@ const char* const subnormal_scene = R"({"rt": 1, "camera": {"from": [0, 0, 5], "
 
 PackedScene pack(const std::string& scene, std::uint32_t width, std::uint32_t height)
 {
-	const Result<SceneFile> file = scene == "subnormal" ? parse_scene(subnormal_scene, "subnormal.json") : open_scene(scene);
+	const Result<SceneFile> file =
+	    scene == "subnormal" ? parse_scene(subnormal_scene, "subnormal.json") : open_scene(scene);
 	if (!file)
 		FAIL(scene << ": " << file.error().message << " | " << file.error().where);
 	RenderSettings settings = file->base.render;
@@ -120,7 +121,9 @@ std::pair<std::string, unsigned> place_of(const TextEdit& edit)
 			continue;
 		const std::size_t at = text.find(edit.find);
 		REQUIRE(at != std::string_view::npos);
-		return {edit.file, static_cast<unsigned>(std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(at), '\n')) + 1};
+		return {edit.file,
+		        static_cast<unsigned>(std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(at), '\n')) +
+		            1};
 	}
 	FAIL("no kernel file " << edit.file);
 	return {};
@@ -140,8 +143,8 @@ std::vector<TestDevice> compiling_devices()
 Divergence search(const PackedScene& packed, const TestDevice& device, const DeviceHandle& judged,
                   const TestDevice& against, DivergenceOptions options)
 {
-	const Result<Divergence> found =
-	    find_divergence(packed, {judged, device.needs_software_roots}, {against.device, against.needs_software_roots}, options);
+	const Result<Divergence> found = find_divergence(packed, {judged, device.needs_software_roots},
+	                                                 {against.device, against.needs_software_roots}, options);
 	if (!found)
 		FAIL(device.name << ": " << found.error().message << " | " << found.error().where << '\n' << found.error().log);
 	return *found;
@@ -152,8 +155,8 @@ std::string described(const Divergence& found)
 	std::string text = fmt::format("{} of {} pixels differ after {} samples", found.different_pixels, found.pixels,
 	                               found.samples_compared);
 	if (found.launch)
-		text += fmt::format("; pixel {},{} samples {}+{}{}", found.launch->x, found.launch->y, found.launch->first_sample,
-		                    found.launch->samples, found.alone ? "" : ", not alone");
+		text += fmt::format("; pixel {},{} samples {}+{}{}", found.launch->x, found.launch->y,
+		                    found.launch->first_sample, found.launch->samples, found.alone ? "" : ", not alone");
 	if (found.operation) {
 		const TraceSite* site = trace_site(found.operation->expected.code);
 		text += fmt::format("; {} at {}:{} `{}`, bounce {}", name_of(found.operation->expected.code.kind),
@@ -208,8 +211,8 @@ TEST_CASE("planted faults are named", "[trace]")
 				continue;
 			DivergenceOptions options;
 			options.samples = 16;
-			const Divergence found = search(pack(planted.scene, 48, 32), device, make_faulty(device.device, planted.fault),
-			                                reference_device(), options);
+			const Divergence found = search(pack(planted.scene, 48, 32), device,
+			                                make_faulty(device.device, planted.fault), reference_device(), options);
 			if (only)
 				fmt::print("{}\n", described(found));
 			check_named(planted, found);
@@ -245,7 +248,8 @@ TEST_CASE("times at 640x480x128", "[.timing]")
 			const auto start = std::chrono::steady_clock::now();
 			DivergenceOptions options;
 			options.samples = 128;
-			const Divergence found = search(pack(scene, 640, 480), device, make_faulty(device.device, fault), against, options);
+			const Divergence found =
+			    search(pack(scene, 640, 480), device, make_faulty(device.device, fault), against, options);
 			times.push_back(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
 			fmt::print("{:6.2f} s  {}: {}\n", times.back(), fault.name, described(found));
 		};

@@ -5,6 +5,7 @@
 #include "tools/command_devices.h"
 #include "tools/command_info.h"
 #include "tools/command_render.h"
+#include "tools/command_trace.h"
 #include "tools/options.h"
 #include "tools/report.h"
 
@@ -20,6 +21,8 @@ rt::Status run_command(const rt::RenderOptions& options) { return rt::run_render
 rt::Status run_command(const rt::DevicesOptions& options) { return rt::run_devices(options); }
 
 rt::Status run_command(const rt::InfoOptions& options) { return rt::run_info(options); }
+
+rt::Status run_command(const rt::TraceOptions& options) { return rt::run_trace(options); }
 
 rt::Status run_command(const rt::TextRequest& request)
 {

@@ -63,8 +63,7 @@ constexpr ReferenceKernel kernels[] = {
     entry<rt_render>("rt_render"),
     entry<rt_identify>("rt_identify"),
 #if !RT_TRACED
-    entry<rt_probe>("rt_probe"),
-    entry<rt_probe_layout>("rt_probe_layout"),
+    entry<rt_probe>("rt_probe"),       entry<rt_probe_layout>("rt_probe_layout"),
 #endif
 };
 
@@ -75,7 +74,7 @@ constexpr ReferenceKernel kernels[] = {
 
 extern const ReferenceVariant RT_VARIANT;
 const ReferenceVariant RT_VARIANT = {
-    RT_QUOTE(RT_VARIANT), RT_FEATURES, RT_DEF_NATIVE_ROOTS != 0,          RT_DEF_CONTRACT != 0,
-    RT_TRACED != 0,       RT_VARIANT_V3 != 0, kernels, sizeof kernels / sizeof kernels[0]};
+    RT_QUOTE(RT_VARIANT), RT_FEATURES, RT_DEF_NATIVE_ROOTS != 0,          RT_DEF_CONTRACT != 0, RT_TRACED != 0,
+    RT_VARIANT_V3 != 0,   kernels,     sizeof kernels / sizeof kernels[0]};
 
 } // namespace rt

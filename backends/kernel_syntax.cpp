@@ -289,8 +289,8 @@ KernelDeclarations kernel_declarations(const std::vector<EmbeddedText>& files)
 KernelType read_kernel_type(const KernelDeclarations& declarations, const std::vector<KernelToken>& tokens,
                             std::size_t& at)
 {
-	static const std::set<std::string> qualifiers = {"const",    "RT_GLOBAL", "RT_UNIFORM", "RT_PRIVATE", "RT_RESTRICT",
-	                                                 "RT_TABLE", "struct",    "static"};
+	static const std::set<std::string> qualifiers = {"const",       "RT_GLOBAL", "RT_UNIFORM", "RT_PRIVATE",
+	                                                 "RT_RESTRICT", "RT_TABLE",  "struct",     "static"};
 	const std::size_t start = at;
 	KernelType type;
 	bool in_memory = false;

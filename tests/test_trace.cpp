@@ -5,6 +5,8 @@
 #include "tests/faulty_device.h"
 
 #include "backends/embedded_text.h"
+#include "backends/kernel_text.h"
+#include "common/rt_contract.h"
 #include "render/first_divergence.h"
 #include "render/trace_file.h"
 #include "render/trace_path.h"
@@ -237,6 +239,62 @@ TEST_CASE("a stale program is named", "[trace]")
 		CHECK(found.stale_device == judged->info().name);
 		CHECK(found.stale_id != found.expected_id);
 	}
+}
+
+TEST_CASE("a saved trace is the trace, and tells a path", "[trace]")
+{
+	const PackedScene packed = pack("weekend", 48, 32);
+	Result<Tracer> tracer = Tracer::make(reference_device().device, packed, {});
+	REQUIRE(tracer);
+	PixelLaunch launch;
+	launch.x = 20;
+	launch.y = 25;
+	const Result<Trace> trace = tracer->trace(launch, 0, 1u << 20);
+	REQUIRE(trace);
+	REQUIRE(trace->notes.size() == trace->note_count);
+	const Result<rt_film_pixel> ordinary = tracer->render(launch);
+	REQUIRE(ordinary);
+	CHECK(same_sums(*ordinary, trace->after));
+
+	std::set<std::string> named;
+	for (const PathStep& step : path_of(*trace))
+		for (const PathValue& value : step.values)
+			named.insert(step.title.substr(0, step.title.find(' ')) + ": " + value.name);
+	for (const char* name :
+	     {"camera: random numbers", "camera: ray direction", "segment: t", "segment: sphere, as stored",
+	      "scattering: normal", "scattering: material", "scattering: random numbers", "scattering: throughput",
+	      "scattering: ray direction", "film: radiance"}) {
+		INFO(name);
+		CHECK(named.count(name) == 1);
+	}
+
+	SavedTrace saved;
+	saved.kernels = kernel_hash();
+	saved.contract = RT_CONTRACT_VERSION;
+	saved.inputs = inputs_hash(packed);
+	saved.trace = *trace;
+	const Result<SavedTrace> loaded = read_trace(write_trace(saved), "memory");
+	REQUIRE(loaded);
+	CHECK(loaded->inputs == saved.inputs);
+	TraceComparison comparison;
+	CHECK(comparison.compare(loaded->trace, *trace));
+	CHECK(comparison.compared() == trace->note_count);
+
+	// One bit of one result.
+	Trace changed = *trace;
+	TraceNote& note = changed.notes[changed.notes.size() / 2];
+	note.result ^= 1;
+	TraceComparison other;
+	CHECK_FALSE(other.compare(changed, *trace));
+	REQUIRE(other.difference());
+	CHECK(other.difference()->index == changed.notes.size() / 2);
+
+	saved.kernels = "another";
+	const Result<SavedTrace> refused = read_trace(write_trace(saved), "memory");
+	REQUIRE(!refused);
+	CHECK(refused.error().kind == ErrorKind::Usage);
+	CHECK_FALSE(read_trace("{}", "memory"));
+	CHECK_FALSE(read_trace("not JSON", "memory"));
 }
 
 // What users do: 640x480x128 of the default scene. Slow, and its answers are the test's above.

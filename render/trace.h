@@ -80,10 +80,5 @@ private:
 	BufferHandle film_, log_;
 	std::uint32_t lanes_ = 1, expected_id_ = 0;
 };
-ProgramHandle ordinary_, traced_;
-ProgramSpec traced_spec_;
-BufferHandle scene_, spheres_, wide_, ids_, sphere_materials_, materials_, textures_, texels_, film_, log_;
-std::uint32_t lanes_ = 1, expected_id_ = 0;
-};
 
 } // namespace rt

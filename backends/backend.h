@@ -87,8 +87,9 @@ struct ProgramSpec {
 	std::string root;                                         // embedded kernel file: "kernels/render.cl"
 	std::vector<std::pair<std::string, std::string>> defines; // emitted as #define lines above the text
 	std::vector<std::string> entries;                         // kernel functions that will be launched
-	std::vector<TextEdit> edits = {};                         // applied in order; an error where one does not apply,
-	                                                          // or where the kernels are not compiled from text
+	bool traced = false;              // with a note behind every operation (backends/traced_text.h)
+	std::vector<TextEdit> edits = {}; // applied in order; an error where one does not apply,
+	                                  // or where the kernels are not compiled from text
 };
 
 // The value of an integer define ("0x1fu", "8"), or `fallback` where the spec has none of that name.

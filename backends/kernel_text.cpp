@@ -1,5 +1,6 @@
 #include "backends/kernel_text.h"
 
+#include "backends/traced_text.h"
 #include "support/hash.h"
 
 #include <fmt/format.h>
@@ -133,6 +134,12 @@ Result<std::string> flatten_program(const ProgramSpec& spec, const EmbeddedText*
 		edited[index].assign(texts[index].text, texts[index].bytes);
 		RT_TRY(apply(edit, edited[index]));
 		texts[index] = {files[index].path, edited[index].data(), edited[index].size()};
+	}
+	TracedText traced;
+	if (spec.traced) {
+		traced = trace_kernels(texts);
+		for (unsigned index = 0; index < file_count; ++index)
+			texts[index] = {files[index].path, traced.files[index].data(), traced.files[index].size()};
 	}
 	std::string text;
 	for (const auto& [name, value] : spec.defines)

@@ -348,14 +348,19 @@ Result<SelfTestReport> run_double(const DeviceHandle& device)
 	return report;
 }
 
-Result<SelfTestReport> run(const DeviceHandle& device, bool software_roots)
+ProgramSpec probe_program(const DeviceInfo& info, bool software_roots)
 {
 	ProgramSpec spec;
 	spec.root = "kernels/probe.cl";
 	spec.entries = {"rt_probe", "rt_probe_layout", "rt_render"};
-	spec.defines = {{"RT_LANES", fmt::format("{}", device->info().native_lanes)},
-	                {"RT_DEF_NATIVE_ROOTS", software_roots || device->info().hardware_seeds ? "0" : "1"}};
-	RT_TRY_ASSIGN(const ProgramHandle program, device->build(spec));
+	spec.defines = {{"RT_LANES", fmt::format("{}", info.native_lanes)},
+	                {"RT_DEF_NATIVE_ROOTS", software_roots || info.hardware_seeds ? "0" : "1"}};
+	return spec;
+}
+
+Result<SelfTestReport> run(const DeviceHandle& device, bool software_roots)
+{
+	RT_TRY_ASSIGN(const ProgramHandle program, device->build(probe_program(device->info(), software_roots)));
 
 	SelfTestReport report;
 	report.needs_software_roots = software_roots;
@@ -417,6 +422,12 @@ std::string SelfTestReport::first_failure() const
 		if (item.required && !item.passed)
 			return item.name + ": " + item.detail;
 	return {};
+}
+
+Result<SelfTestItem> test_layout(const DeviceHandle& device)
+{
+	RT_TRY_ASSIGN(const ProgramHandle program, device->build(probe_program(device->info(), false)));
+	return ask_layout(*device, program);
 }
 
 Result<SelfTestReport> self_test(const DeviceHandle& device, bool use_cache, Precision precision)

@@ -29,6 +29,9 @@ struct SelfTestReport {
 	std::string first_failure() const; // "sqrt: sqrt(0x3f800001) gave ..., contract says ..."; empty if none
 };
 
+// Does the device lay the shared structs out as the host does? The first question of the self-test.
+Result<SelfTestItem> test_layout(const DeviceHandle& device);
+
 // Runs the arithmetic probe and the stress tile. If only the device's own square root or reciprocal is at fault, the
 // test is repeated with the software ones. An Error means that the test could not be run (build failure, driver error);
 // a device that runs it and fails is a report with passed == false.

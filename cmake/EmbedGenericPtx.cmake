@@ -6,7 +6,7 @@
 # The table is empty where NVRTC cannot be loaded during the build; that is told and is no error.
 option(RT_EMBED_PTX "Embed PTX of the generic programs if NVRTC can be loaded during the build" ON)
 
-add_library(rt_kernel_text STATIC kernel_text.cpp "${RT_EMBEDDED}" cuda/generic_program.cpp cuda/nvrtc.cpp)
+add_library(rt_kernel_text STATIC kernel_syntax.cpp kernel_text.cpp traced_text.cpp "${RT_EMBEDDED}" cuda/generic_program.cpp cuda/nvrtc.cpp)
 set_source_files_properties("${RT_EMBEDDED}" PROPERTIES GENERATED TRUE)
 add_dependencies(rt_kernel_text rt_embedded_text)
 target_link_libraries(rt_kernel_text PUBLIC rt_support PRIVATE rt_warnings)

@@ -4,7 +4,15 @@
  * Work-items are laid out in tiles of 8x4 pixels, so that the lanes of a warp look the same way. How pixels map to
  * work-items cannot change a bit of the film.
  */
+#ifndef RT_RENDER_CL
+#define RT_RENDER_CL
+
 #include "kernels/path.h"
+
+/* Set by whoever builds the program; 0 says nothing. */
+#ifndef RT_PROGRAM_ID
+#define RT_PROGRAM_ID 0u
+#endif
 
 #define RT_TILE_WIDTH 8u
 #define RT_TILE_ROWS 4u
@@ -19,6 +27,13 @@ RT_KERNEL(rt_clear)(RT_GLOBAL rt_film_pixel* RT_RESTRICT film, rt_u32 pixels)
 		film[i].b = 0;
 		film[i].tally = 0;
 	}
+}
+
+/* Which text the program was made from, as the host put it in: a driver that runs an old binary gives itself away. */
+RT_KERNEL(rt_identify)(RT_GLOBAL rt_u32* RT_RESTRICT out)
+{
+	if (RT_GLOBAL_ID == 0u)
+		out[0] = RT_PROGRAM_ID;
 }
 
 /* Adds the other slices of a film of `slices` slices to the first. */
@@ -105,3 +120,5 @@ RT_KERNEL(rt_render)
 		}
 	}
 }
+
+#endif

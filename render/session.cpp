@@ -1,7 +1,9 @@
 #include "render/session.h"
 
+#include "backends/kernel_text.h"
 #include "common/rt_features.h"
 #include "render/bvh.h"
+#include "support/hash.h"
 #include "support/thread_pool.h"
 
 #include <algorithm>
@@ -432,13 +434,22 @@ Status check_memory(const PackedScene& packed, const std::vector<DeviceHandle>& 
 	return success();
 }
 
+// Of the kernels' text and what was defined so far; never 0.
+std::uint32_t program_id(const ProgramSpec& spec)
+{
+	std::string text = kernel_hash();
+	for (const auto& [name, value] : spec.defines)
+		text += " " + name + "=" + value;
+	return static_cast<std::uint32_t>(hash_bytes(text.data(), text.size()).low) | 1u;
+}
+
 } // namespace
 
 ProgramSpec render_program(const PackedScene& packed, const DeviceInfo& device, const SessionOptions& options)
 {
 	ProgramSpec spec;
 	spec.root = "kernels/render.cl";
-	spec.entries = {"rt_clear", "rt_merge", "rt_render"};
+	spec.entries = {"rt_clear", "rt_merge", "rt_render", "rt_identify"};
 	const bool permuted = (packed.features & RT_FEATURE_PERMUTED) != 0;
 	const std::uint32_t features = options.specialise ? packed.features : std::uint32_t(RT_FEATURE_ALL);
 	spec.defines.emplace_back("RT_LANES", fmt::format("{}", lanes_of(device, options)));
@@ -451,6 +462,7 @@ ProgramSpec render_program(const PackedScene& packed, const DeviceInfo& device, 
 		spec.defines.emplace_back("RT_DEF_SPHERE_COUNT", fmt::format("{}", packed.spheres.size()));
 		spec.defines.emplace_back("RT_DEF_WIDE_COUNT", fmt::format("{}", packed.wide.size()));
 	}
+	spec.defines.emplace_back("RT_PROGRAM_ID", fmt::format("{:#x}u", program_id(spec)));
 	return spec;
 }
 

@@ -170,6 +170,7 @@ constexpr const char* commands_text = "Commands (each has its own --help):\n"
                                       "  devices    list what rt can run on, what is missing, and how to get it\n"
                                       "  info       what a scene contains and needs\n"
                                       "  verify     are the devices and drivers here right? For bug reports\n"
+                                      "  trace      one path with all its numbers; where two devices first differ\n"
                                       "  compare    two images: the same or not, where, by how much, and why\n"
                                       "  reproduce  an image rendered again from its own metadata, and compared\n";
 
@@ -646,6 +647,55 @@ Result<CommandLine> parse_verify(std::vector<std::string> arguments)
 	return CommandLine(std::move(options));
 }
 
+Result<CommandLine> parse_trace(std::vector<std::string> arguments)
+{
+	TraceOptions options;
+	RawRender raw;
+	raw.transfer = "srgb";
+	raw.exposure = "0";
+	raw.precision = "exact";
+	raw.progress = "auto";
+	raw.lanes = "auto";
+	std::string sample;
+	CLI::App app("One path with all its numbers, or the first operation in which two devices differ.");
+	set_manners(app, "rt trace");
+	app.add_option("scene", options.render.scene, "a scene file, a shipped scene's name, or cloud-N")->type_name("");
+	const auto add = [&app](const char* name, std::string& value, const char* type, const char* group,
+	                        const std::string& text) {
+		app.add_option(name, value, text)->type_name(type)->group(group);
+	};
+	add("--pixel", raw.pixel, "X,Y", "Path", "the pixel, row 0 at the top");
+	add("--sample", sample, "N", "Path", "which of its samples, from 0 (0; with --against all)");
+	add("--width", raw.width, "N", "Path", "size of the image, which decides what a pixel sees");
+	add("--height", raw.height, "N", "Path", "rows");
+	add("--size", raw.size, "WxH", "Path", "both at once");
+	add("--samples,--spp", raw.samples, "N", "Path", "samples a pixel that --against compares");
+	add("--seed", raw.seed, "N", "Path", "of the random numbers");
+	add("--max-depth", raw.max_depth, "N", "Path", "scatterings after which a path ends");
+	add("--frames", raw.frames, "N", "Path", "frame of an animated scene (0)");
+	add("--against", options.against, "X", "Comparison",
+	    "a device or backend (as for --device, --backend), or a trace\nthat was saved with --json: FILE.json");
+	add("--json", options.json, "FILE", "Comparison", "save the trace; with --against the one that differs");
+	add("--backend", options.render.device.backend, "NAME", "Device", "auto, cuda, opencl or reference (auto)");
+	add("-d,--device", options.render.device.device, "X", "Device", "index, part of a name, pci:... or uuid:...");
+	add("--lanes", raw.lanes, "N", "Device", "of the ordinary program (the device's own)");
+	app.add_flag("--generic", raw.generic, "a kernel for all scenes, not for this one")->group("Device");
+	app.add_flag("-q,--quiet", options.render.quiet, "no progress")->group("Progress");
+	app.add_flag("-v,--verbose", options.render.verbose, "how long each step took")->group("Progress");
+	app.footer("Exit status: 0 if there is no difference, 1 if there is one; others as for rt render.");
+	RT_TRY_ASSIGN(const auto text, parse(app, std::move(arguments)));
+	if (text)
+		return CommandLine(*text);
+	RT_TRY(check_image(raw, options.render));
+	RT_TRY(check_rest(raw, options.render));
+	if (!sample.empty()) {
+		RT_TRY_ASSIGN(options.sample, parse_number("--sample", sample, {0, RT_MAX_SAMPLES - 1}));
+		if (!options.render.window)
+			return usage("--sample needs a pixel", "rt trace SCENE --pixel 320,240 --sample 0");
+	}
+	return CommandLine(std::move(options));
+}
+
 } // namespace
 
 RenderSettings RenderOptions::settings_over(const RenderSettings& scene_settings) const
@@ -676,6 +726,8 @@ Result<CommandLine> parse_command_line(int argc, const char* const* argv)
 		return parse_reproduce(rest());
 	if (command == "verify")
 		return parse_verify(rest());
+	if (command == "trace")
+		return parse_trace(rest());
 	if (command == "help")
 		return parse_render({"--help"}, false);
 	return parse_render(std::move(arguments), false);

@@ -85,13 +85,20 @@ struct VerifyOptions {
 	ProgressMode progress = ProgressMode::Auto;
 };
 
+struct TraceOptions {
+	RenderOptions render;                // scene, its settings, device; the window is the pixel
+	std::optional<std::uint32_t> sample; // of that pixel
+	std::string against;                 // a device, a backend, or a saved trace (.json)
+	std::string json;                    // file for the trace
+};
+
 // --help and --version: text for standard output, and nothing else to do.
 struct TextRequest {
 	std::string text;
 };
 
 using CommandLine = std::variant<RenderOptions, DevicesOptions, InfoOptions, CompareOptions, ReproduceOptions,
-                                 VerifyOptions, TextRequest>;
+                                 VerifyOptions, TraceOptions, TextRequest>;
 
 Result<CommandLine> parse_command_line(int argc, const char* const* argv);
 

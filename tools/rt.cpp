@@ -7,6 +7,7 @@
 #include "tools/command_info.h"
 #include "tools/command_render.h"
 #include "tools/command_reproduce.h"
+#include "tools/command_trace.h"
 #include "tools/command_verify.h"
 #include "tools/options.h"
 #include "tools/report.h"
@@ -25,6 +26,7 @@ rt::Status run_command(const rt::DevicesOptions& options) { return rt::run_devic
 rt::Status run_command(const rt::InfoOptions& options) { return rt::run_info(options); }
 
 rt::Status run_command(const rt::VerifyOptions& options) { return rt::run_verify(options); }
+rt::Status run_command(const rt::TraceOptions& options) { return rt::run_trace(options); }
 
 rt::Status run_command(const rt::TextRequest& request)
 {

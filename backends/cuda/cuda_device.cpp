@@ -307,6 +307,12 @@ Status CudaDevice::build_embedded(const ProgramSpec& spec, CudaProgram& program)
 		             context_->where(),
 		             fmt::format("install NVRTC\n{}", nvrtc_packages()),
 		             {}};
+	if (spec.traced)
+		return Error{ErrorKind::Build,
+		             "traced kernels were not embedded when rt was built",
+		             context_->where(),
+		             fmt::format("install NVRTC\n{}", nvrtc_packages()),
+		             {}};
 	const std::string key = generic_key(spec);
 	for (const EmbeddedPtx* row = embedded_ptx; row->key; ++row) {
 		if (key != row->key)

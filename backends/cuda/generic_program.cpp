@@ -10,8 +10,9 @@ namespace rt {
 
 namespace {
 
-// Defines that only delete code, or that mean nothing to CUDA.
-constexpr const char* ignored[] = {"RT_FEATURES", "RT_DEF_SPHERE_COUNT", "RT_DEF_WIDE_COUNT", "RT_DEF_PTX"};
+// Defines that only delete code, that mean nothing to CUDA, or that only name the program.
+constexpr const char* ignored[] = {"RT_FEATURES", "RT_DEF_SPHERE_COUNT", "RT_DEF_WIDE_COUNT", "RT_DEF_PTX",
+                                   "RT_PROGRAM_ID"};
 
 bool is_ignored(const std::string& name)
 {

@@ -30,7 +30,7 @@ function(rt_reference_variant name lanes features instruction_set)
   target_include_directories(${target} PRIVATE "${PROJECT_SOURCE_DIR}")
   target_compile_definitions(${target} PRIVATE RT_VARIANT=${name} RT_LANES=${lanes} RT_FEATURES=${features}
                              RT_DEF_NATIVE_ROOTS=${native_roots} RT_DEF_CONTRACT=${contracted}
-                             RT_VARIANT_SET=${instruction_set} RT_PRECISION=${precision})
+                             RT_VARIANT_SET=${instruction_set} RT_PRECISION=${precision} RT_TRACED=0)
   # -O3 whatever the preset: this is a backend. Passing vectors wider than a register has no settled ABI, which does
   # not matter within one object.
   target_compile_options(${target} PRIVATE -O3 -fno-math-errno -Wno-psabi)
@@ -90,6 +90,27 @@ foreach(rung exact fast)
   rt_reference_variant(${prefix}lamps ${RT_FAST_LANES} 0x41fu ${RT_FAST} ${option})    # lambertian, metal, fuzz,
                                                                                        # dielectric, emission, wide
 endforeach()
+
+# The traced kernels are a text that is made while rt is built. -O1: they trace single samples, and are large.
+add_executable(rt_make_traced "${PROJECT_SOURCE_DIR}/tools/make_traced.cpp")
+target_link_libraries(rt_make_traced PRIVATE rt_kernel_text rt_warnings)
+set(RT_TRACED_DIRECTORY "${CMAKE_CURRENT_BINARY_DIR}/traced")
+add_custom_command(
+  OUTPUT "${RT_TRACED_DIRECTORY}/traced_kernels.inc"
+  COMMAND ${CMAKE_COMMAND} -E make_directory "${RT_TRACED_DIRECTORY}"
+  COMMAND $<TARGET_FILE:rt_make_traced> "${RT_TRACED_DIRECTORY}/traced_kernels.inc"
+  DEPENDS rt_make_traced
+  COMMENT "Putting notes into the kernels' text"
+  VERBATIM)
+add_library(rt_reference_traced OBJECT reference/reference_kernels.cpp "${RT_TRACED_DIRECTORY}/traced_kernels.inc")
+target_include_directories(rt_reference_traced PRIVATE "${PROJECT_SOURCE_DIR}" "${RT_TRACED_DIRECTORY}")
+target_compile_definitions(rt_reference_traced PRIVATE RT_VARIANT=traced RT_VARIANT_SET=0 RT_LANES=1
+                           RT_DEF_CONTRACT=0 RT_DEF_NATIVE_ROOTS=1 RT_PRECISION=0 RT_TRACED=1)
+target_compile_options(rt_reference_traced PRIVATE -w -O1 -fno-math-errno)
+target_link_libraries(rt_reference_traced PRIVATE rt_strict_fp)
+target_sources(rt_backends PRIVATE $<TARGET_OBJECTS:rt_reference_traced>)
+string(APPEND RT_REFERENCE_DECLARATIONS "extern const ReferenceVariant traced;\n")
+string(APPEND RT_REFERENCE_TABLE "\t&traced,\n")
 
 file(CONFIGURE OUTPUT "${CMAKE_CURRENT_BINARY_DIR}/reference_variants.cpp" CONTENT
 "// Made by ReferenceVariants.cmake; do not edit.

@@ -83,6 +83,7 @@ struct Wanted {
 	bool native_roots = true;
 	bool contracted = false;
 	std::uint32_t precision = RT_PRECISION_EXACT;
+	bool traced = false; // one slow, generic variant: it traces single samples
 };
 
 // The variant with the fewest features that has all that are needed; the newest instruction set before the others.
@@ -95,9 +96,10 @@ const ReferenceVariant* choose_variant(const Wanted& wanted)
 	};
 	for (unsigned i = 0; i < reference_variant_count; ++i) {
 		const ReferenceVariant& variant = *reference_variants[i];
-		if (variant.lanes != wanted.lanes || (wanted.features & ~variant.features) != 0 ||
-		    variant.native_roots != wanted.native_roots || variant.contracted != wanted.contracted ||
-		    variant.precision != wanted.precision || variant.instruction_set > instruction_set)
+		if (variant.traced != wanted.traced || variant.lanes != wanted.lanes ||
+		    (wanted.features & ~variant.features) != 0 || variant.native_roots != wanted.native_roots ||
+		    variant.contracted != wanted.contracted || variant.precision != wanted.precision ||
+		    variant.instruction_set > instruction_set)
 			continue;
 		if (!best || rank(variant) < rank(*best))
 			best = &variant;
@@ -135,6 +137,9 @@ public:
 		wanted.native_roots =
 		    wanted.precision != RT_PRECISION_EXACT || integer_define(spec, "RT_DEF_NATIVE_ROOTS", 1) != 0;
 		wanted.contracted = integer_define(spec, "RT_DEF_CONTRACT", 0) != 0;
+		wanted.traced = spec.traced;
+		if (wanted.traced)
+			wanted.native_roots = true;
 		if (integer_define(spec, "RT_DEF_FAST", RT_FAST_ALL) != RT_FAST_ALL)
 			return Error{ErrorKind::Build,
 			             "the reference backend has the fast rung only as a whole",
@@ -159,7 +164,7 @@ public:
 			             {}};
 		BuildReport report;
 		report.variant = variant->name;
-		report.options = "-O3";
+		report.options = variant->traced ? "-O1" : "-O3";
 		if (variant->instruction_set)
 			report.options += fmt::format(" -march=x86-64-v{}", variant->instruction_set);
 		report.options += lets_compiler_fuse(spec) ? " -ffp-contract=fast" : " -ffp-contract=off";

@@ -21,6 +21,7 @@ struct ReferenceVariant {
 	std::uint32_t features; // compiled in
 	bool native_roots;
 	bool contracted;          // the compiler may fuse products and sums, and finds none: for the tests of rule 3
+	bool traced;              // rt_render only, with notes (kernels/trace.h)
 	unsigned instruction_set; // it needs x86-64-v3 (AVX2, FMA) or x86-64-v4 (AVX-512): 3 or 4; 0: what rt is built for
 	unsigned precision;       // RT_PRECISION
 	const ReferenceKernel* kernels;

@@ -56,6 +56,15 @@ RT_FN rt_slabs rt_ray_slabs(RT_UNIFORM const rt_scene* scene, rt_ray ray)
 	return slabs;
 }
 
+/* A ray that is no number meets nothing (contract rule 7); in the minima and maxima of the box test it would meet
+ * everything, empty places of nodes too. */
+RT_FN rt_mask rt_slabs_are_numbers(rt_slabs slabs)
+{
+	rt_float sum = (slabs.near_shift.x + slabs.near_shift.y) + (slabs.near_shift.z + slabs.far_shift.x) +
+	               (slabs.far_shift.y + slabs.far_shift.z);
+	return sum == sum;
+}
+
 #if RT_LANES == 1
 
 /* One box against one ray: where it enters, or RT_MAX_FLOAT if it misses or enters behind `limit`. */
@@ -95,6 +104,8 @@ RT_FN rt_hit rt_bvh_hit(rt_scene_view view, rt_ray ray, rt_hit hit, rt_mask live
 	rt_u32 link = view.scene->bvh_root;
 	(void)live;
 
+	if (!rt_slabs_are_numbers(slabs))
+		return hit;
 	for (;;) {
 		/* Go down to a leaf, nearest child first. */
 		while ((link & RT_BVH_LEAF) == 0u) {
@@ -295,7 +306,7 @@ RT_FN rt_hit rt_bvh_hit(rt_scene_view view, rt_ray ray, rt_hit hit, rt_mask live
 	rt_store_u(rt_to_uint(ray.from), store.from);
 	rt_store_u(rt_to_uint(hit.index), store.index);
 	rt_store_u(hit.id, store.id);
-	rt_store_u(rt_sel(live, rt_splat_u(1u), rt_splat_u(0u)), store.live);
+	rt_store_u(rt_sel(live & rt_slabs_are_numbers(slabs), rt_splat_u(1u), rt_splat_u(0u)), store.live);
 	for (rt_u32 lane = 0u; lane < RT_LANES; ++lane)
 		if (store.live[lane] != 0u)
 			rt_bvh_hit_lane(view, &store, lane);

@@ -12,6 +12,7 @@
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
+#include <limits>
 #include <random>
 #include <set>
 
@@ -377,6 +378,26 @@ TEST_CASE("no grazing ray loses its hit, and without padding some do")
 	CHECK(hits > rays / 4);
 	CHECK(lost == 0);
 	CHECK(lost_without > 0);
+}
+
+TEST_CASE("a ray that is no number meets nothing")
+{
+	const PackedScene packed = pack(sphere_sets().front().scene);
+	const PackedScene tree = treed(packed, 1);
+	const float nan = std::numeric_limits<float>::quiet_NaN(), infinity = std::numeric_limits<float>::infinity();
+	for (const float bad : {nan, infinity, -infinity})
+		for (int place = 0; place < 3; ++place) {
+			rt_ray ray;
+			ray.base = ray.arm = v3(0, 0, 0);
+			ray.reach = place == 2 ? bad : 1.0f;
+			ray.dir = v3(place == 0 ? bad : 0.0f, 0.0f, 1.0f);
+			if (place == 1)
+				ray.base.x = bad;
+			ray.from = -1;
+			ray.chord = -1;
+			CHECK(rt_closest_hit(view_of(packed), ray, RT_TRUE).index == -1);
+			CHECK(rt_closest_hit(view_of(tree), ray, RT_TRUE).index == -1);
+		}
 }
 
 TEST_CASE("print the hash of a tree", "[.tree]")

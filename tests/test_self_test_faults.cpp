@@ -75,7 +75,7 @@ std::vector<NamedFault> faults()
 	      true}},
 	    {"sine and cosine",
 	     {"a product and a sum instead of fma",
-	      {{math, "s = f * rt_fma(f2, s, rt_splat(0x1.921fb6p+0f));", "s = f * (f2 * s + 0x1.921fb6p+0f);"}}}},
+	      {{math, "return f * rt_fma(f2, s, rt_splat(0x1.921fb6p+0f));", "return f * (f2 * s + 0x1.921fb6p+0f);"}}}},
 	    {"fma",
 	     {"fma that rounds twice",
 	      {{probe, "first = rt_fma(a, b, c);", "{ rt_float product = a * b; first = product + c; }"}}}},

@@ -880,7 +880,8 @@ private:
 			                                                    : Type::Uint),
 			             text, from);
 		if (name.text == "rt_to_int" || name.text == "rt_to_uint")
-			return {text, scalar_type(name.text == "rt_to_int" ? Type::Int : Type::Uint), all_noted, from};
+			// Between integers no bit changes, but the name that it is assigned to wants its note.
+			return {text, scalar_type(name.text == "rt_to_int" ? Type::Int : Type::Uint), false, from};
 		if (const auto compat = compat_calls().find(name.text); compat != compat_calls().end())
 			return {text, compat->second, all_noted, from};
 

@@ -56,8 +56,8 @@ RT_FN rt_slabs rt_ray_slabs(RT_UNIFORM const rt_scene* scene, rt_ray ray)
 	return slabs;
 }
 
-/* A ray that is no number meets nothing (contract rule 7); in the minima and maxima of the box test it would meet
- * everything, empty places of nodes too. */
+/* A ray that is no number meets nothing (contract rule 7); the minima and maxima of the box test would let it visit
+ * everything. */
 RT_FN rt_mask rt_slabs_are_numbers(rt_slabs slabs)
 {
 	rt_float sum = (slabs.near_shift.x + slabs.near_shift.y) + (slabs.near_shift.z + slabs.far_shift.x) +
@@ -229,8 +229,10 @@ RT_FN void rt_bvh_hit_lane(rt_scene_view view, RT_PRIVATE rt_ray_store* store, r
 				rt_store_u(rt_bits(rt_load_rows(node, 6u)), lane_link);
 				while (left != 0u) {
 					rt_u32 k = rt_lowest_bit(left);
-					rt_u32 place = top++;
 					left &= left - 1u;
+					if (lane_link[k] == RT_BVH_NONE) /* a ray of infinite numbers reaches empty places too */
+						continue;
+					rt_u32 place = top++;
 					while (place > first && entries[place - 1u] < lane_entry[k]) {
 						entries[place] = entries[place - 1u];
 						stack[place] = stack[place - 1u];

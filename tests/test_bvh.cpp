@@ -386,11 +386,11 @@ TEST_CASE("a ray that is no number meets nothing")
 	const PackedScene tree = treed(packed, 1);
 	const float nan = std::numeric_limits<float>::quiet_NaN(), infinity = std::numeric_limits<float>::infinity();
 	for (const float bad : {nan, infinity, -infinity})
-		for (int place = 0; place < 3; ++place) {
+		for (int place = 0; place < 4; ++place) {
 			rt_ray ray;
 			ray.base = ray.arm = v3(0, 0, 0);
 			ray.reach = place == 2 ? bad : 1.0f;
-			ray.dir = v3(place == 0 ? bad : 0.0f, 0.0f, 1.0f);
+			ray.dir = v3(place == 0 ? bad : 0.0f, place == 3 ? bad : 0.0f, place == 3 ? bad : 1.0f);
 			if (place == 1)
 				ray.base.x = bad;
 			ray.from = -1;

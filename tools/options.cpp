@@ -551,7 +551,7 @@ Result<CommandLine> parse_compare(std::vector<std::string> arguments)
 	add_tolerance_options(app, "warn", warn);
 	app.add_flag("-p", options.settings.by_flip, "judge by FLIP, which is what is seen, instead of by values")
 	    ->group("Failure");
-	const auto output = [&app](CLI::Option* option) { option->group("Difference image"); };
+	const auto output = [](CLI::Option* option) { option->group("Difference image"); };
 	output(app.add_option("-o", options.output, "a PNG of |A - B|, or with -p of FLIP")->type_name("FILE"));
 	output(app.add_flag("--od", options.output_if_different, "write it only if there is a difference"));
 	output(app.add_option("--scale", scale, "times X (so that the largest difference is white)")->type_name("X"));

@@ -97,7 +97,8 @@ struct Shape {
 
 	float cost(std::size_t spheres) const
 	{
-		return blocks ? static_cast<float>((spheres + leaf - 1) / leaf) : static_cast<float>(spheres);
+		const std::size_t tests = blocks ? (spheres + leaf - 1) / leaf : spheres;
+		return static_cast<float>(tests);
 	}
 };
 

@@ -195,7 +195,7 @@ public:
 	}
 
 	// Visits every leaf once; `enclosing` are the boxes on the way.
-	void walk(std::uint32_t link, std::vector<std::array<float, 6>> enclosing)
+	void walk(std::uint32_t link, const std::vector<std::array<float, 6>>& enclosing)
 	{
 		REQUIRE(link != RT_BVH_NONE);
 		if (link & RT_BVH_LEAF) {

@@ -150,7 +150,7 @@ TEST_CASE("rule 1: a device passes its self-test with any number of lanes and wi
 				REQUIRE(opened);
 				const Result<SelfTestReport> report = self_test(*opened, false);
 				REQUIRE(report);
-				CHECK(report->first_failure() == "");
+				CHECK(report->first_failure().empty());
 				CHECK(report->passed);
 			}
 	}

@@ -143,7 +143,7 @@ std::vector<TestDevice> compiling_devices()
 }
 
 Divergence search(const PackedScene& packed, const TestDevice& device, const DeviceHandle& judged,
-                  const TestDevice& against, DivergenceOptions options)
+                  const TestDevice& against, const DivergenceOptions& options)
 {
 	const Result<Divergence> found = find_divergence(packed, {judged, device.needs_software_roots},
 	                                                 {against.device, against.needs_software_roots}, options);

@@ -594,7 +594,7 @@ void scatter_many(const Probe& probe, const rt_path& start, std::uint32_t count,
 
 } // namespace
 
-TEST_CASE("scattering multiplies the weight by the albedo and leaves a unit direction")
+TEST_CASE("rule 12: scattering multiplies the weight by the albedo and leaves a unit direction")
 {
 	constexpr std::uint32_t count = 1u << 15;
 	double worst = 0;
@@ -675,7 +675,7 @@ TEST_CASE("a path's bounces are independent of each other and of its place in th
 	CHECK_FAMILY(family);
 }
 
-TEST_CASE("normals are unit vectors whatever the sphere's size and distance")
+TEST_CASE("rules 11 and 12: normals are unit vectors whatever the sphere's size and distance")
 {
 	std::mt19937_64 engine(1);
 	const auto uniform = [&] { return static_cast<double>(engine() >> 11) * 0x1p-53; };

@@ -6,6 +6,8 @@
 #include <cstring>
 #include <functional>
 
+#include <sys/resource.h>
+
 using namespace rt;
 
 namespace {
@@ -237,6 +239,19 @@ TEST_CASE("PNG files that lie about their size take no memory")
 	check_is_error(decoded(with_size(0, 4)), "0 x 4");
 	check_is_error(decoded(with_size(16384, 16384)), "too short");
 	check_is_error(decoded(with_size(4, 5)), "broken or cut short");
+
+	// libpng takes memory for a row when it has read the header, so one long row must be refused before.
+	const auto peak_mebibytes = [] {
+		rusage usage{};
+		REQUIRE(getrusage(RUSAGE_SELF, &usage) == 0);
+		return usage.ru_maxrss / 1024;
+	};
+	const long before = peak_mebibytes();
+	check_is_error(decoded(with_size(0x08000003u, 1)), "too short");
+	CHECK(peak_mebibytes() < before + 64);
+	const std::vector<std::uint8_t> control(std::size_t(128 + 64) << 20, 1); // such memory would have been seen
+	CHECK(control.back() == 1);
+	CHECK(peak_mebibytes() >= before + 64);
 }
 
 TEST_CASE("cut, changed and foreign files are errors")

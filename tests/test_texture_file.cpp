@@ -3,6 +3,7 @@
 #include "support/files.h"
 #include "tests/catch.h"
 
+#include <algorithm>
 #include <cstring>
 #include <functional>
 
@@ -297,6 +298,23 @@ TEST_CASE("JPEG, baseline and progressive, colour and grey")
 	REQUIRE(image);
 	for (const std::uint32_t texel : image->texels)
 		CHECK(((texel & 255) == (texel >> 8 & 255) && (texel & 255) == (texel >> 16)));
+}
+
+TEST_CASE("JPEG files that lie about their size take no memory")
+{
+	for (const std::string name : {"halves", "halves_progressive"}) {
+		const auto file = read_file(RT_TEST_DATA "/textures/" + name + ".jpg");
+		REQUIRE(file);
+		// Start of frame: marker, length 17, precision, height, width.
+		Bytes lying = *file;
+		const Bytes marker = {0xff, static_cast<std::uint8_t>(name == "halves" ? 0xc0 : 0xc2), 0, 17};
+		const auto frame = std::search(lying.begin(), lying.end(), marker.begin(), marker.end());
+		REQUIRE(frame != lying.end());
+		REQUIRE(decoded(lying));
+		const Bytes size = {0x40, 0, 0x40, 0}; // 16384 x 16384
+		std::copy(size.begin(), size.end(), frame + 5);
+		check_is_error(decoded(lying), "too short");
+	}
 }
 
 TEST_CASE("broken JPEG")

@@ -167,11 +167,40 @@ def films():
     yield "extremes", film(2, 1, (0, 0, 2, 1), -256, [], [0, 0xFFFFFFFF], [most, -most - 1, -1, 0, most, 1])
 
 
+# --- images that `rt compare` reads: PFM and EXR; PNG and films are the other targets' ---
+
+
+def exr(kind, values):
+    """Two pixels beside each other, channels B, G, R, not compressed (OpenEXR's file layout)."""
+
+    def attribute(name, type_name, data):
+        return name + b"\0" + type_name + b"\0" + struct.pack("<i", len(data)) + data
+
+    channels = b"".join(c + b"\0" + struct.pack("<iB3xii", kind, 0, 1, 1) for c in (b"B", b"G", b"R")) + b"\0"
+    box = struct.pack("<4i", 0, 0, 1, 0)
+    head = struct.pack("<ii", 20000630, 2)
+    head += attribute(b"channels", b"chlist", channels) + attribute(b"compression", b"compression", b"\0")
+    head += attribute(b"dataWindow", b"box2i", box) + attribute(b"displayWindow", b"box2i", box)
+    head += attribute(b"lineOrder", b"lineOrder", b"\0") + attribute(b"pixelAspectRatio", b"float", struct.pack("<f", 1))
+    head += attribute(b"rt:Seed", b"string", b"7")
+    head += attribute(b"screenWindowCenter", b"v2f", struct.pack("<2f", 0, 0))
+    head += attribute(b"screenWindowWidth", b"float", struct.pack("<f", 1)) + b"\0"
+    row = struct.pack("<6f" if kind == 2 else "<6e", *values)
+    return head + struct.pack("<Q", len(head) + 8) + struct.pack("<ii", 0, len(row)) + row
+
+
+def images():
+    yield "exr-float", exr(2, [0, 0.5, 1, 2, -1, 1e30])
+    yield "exr-half", exr(1, [0, 0.5, 1, 2, -1, 1e4])
+    yield "pfm", b"PF\n2 1\n-1.0\n" + struct.pack("<6f", 0, 0.5, 1, 2, -1, 1e30)
+    yield "pfm-grey-big-endian", b"Pf\n1 2\n1.0\n" + struct.pack(">2f", 1, 2)
+
+
 # --- files ---
 
 
 def all_files():
-    targets = {"scene": scenes, "spheres": sphere_sets, "png": pngs, "jpeg": jpegs, "rtfilm": films}
+    targets = {"scene": scenes, "spheres": sphere_sets, "png": pngs, "jpeg": jpegs, "rtfilm": films, "image": images}
     for target, inputs in targets.items():
         for name, data in inputs():
             yield os.path.join(CORPUS, target, name), data

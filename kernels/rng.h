@@ -14,15 +14,19 @@ typedef struct rt_random4 {
 	rt_float a, b, c, d; /* each k 2^-24 in [0, 1) */
 } rt_random4;
 
-/* The top 24 bits as a number in [0, 1). */
-RT_FN rt_float rt_unit(rt_uint bits) { return rt_to_float(rt_to_int(bits >> 8)) * 0x1p-24f; }
+typedef struct rt_words4 {
+	rt_uint x, y, z, w;
+} rt_words4;
 
-RT_FN rt_random4 rt_random(rt_u32 seed, rt_uint pixel, rt_uint sample, rt_uint block)
+RT_FN rt_uint rt_congruence(rt_uint v) { return v * 1664525u + 1013904223u; }
+
+/* The published hash, word for word. */
+RT_FN rt_words4 rt_pcg4d(rt_words4 v)
 {
-	rt_uint x = pixel * 1664525u + 1013904223u;
-	rt_uint y = sample * 1664525u + 1013904223u;
-	rt_uint z = block * 1664525u + 1013904223u;
-	rt_uint w = rt_splat_u(seed * 1664525u + 1013904223u);
+	rt_uint x = rt_congruence(v.x);
+	rt_uint y = rt_congruence(v.y);
+	rt_uint z = rt_congruence(v.z);
+	rt_uint w = rt_congruence(v.w);
 	x += y * w;
 	y += z * x;
 	z += x * y;
@@ -35,11 +39,29 @@ RT_FN rt_random4 rt_random(rt_u32 seed, rt_uint pixel, rt_uint sample, rt_uint b
 	y += z * x;
 	z += x * y;
 	w += y * z;
+	v.x = x;
+	v.y = y;
+	v.z = z;
+	v.w = w;
+	return v;
+}
+
+/* The top 24 bits as a number in [0, 1). */
+RT_FN rt_float rt_unit(rt_uint bits) { return rt_to_float(rt_to_int(bits >> 8)) * 0x1p-24f; }
+
+RT_FN rt_random4 rt_random(rt_u32 seed, rt_uint pixel, rt_uint sample, rt_uint block)
+{
+	rt_words4 words;
+	words.x = pixel;
+	words.y = sample;
+	words.z = block;
+	words.w = rt_splat_u(seed);
+	words = rt_pcg4d(words);
 	rt_random4 u;
-	u.a = rt_unit(x);
-	u.b = rt_unit(y);
-	u.c = rt_unit(z);
-	u.d = rt_unit(w);
+	u.a = rt_unit(words.x);
+	u.b = rt_unit(words.y);
+	u.c = rt_unit(words.z);
+	u.d = rt_unit(words.w);
 	return u;
 }
 

@@ -129,10 +129,11 @@ Result<LoadedImage> decode_image_png(const std::uint8_t* data, std::size_t bytes
 	if (!png_size(data, bytes, width, height))
 		return broken_image("PNG", "it ends within its header", name);
 	RT_TRY(check_image_size(width, height, name));
-	if (!read_header(reader.png, reader.info, input))
-		return broken_image("PNG", input.error, name);
+	// Before libpng takes memory for rows as long as the header says.
 	if (!png_is_long_enough(data, bytes, width, height))
 		return broken_image("PNG", "it is too short for a picture of its size", name);
+	if (!read_header(reader.png, reader.info, input))
+		return broken_image("PNG", input.error, name);
 
 	LoadedImage image;
 	image.name = name;

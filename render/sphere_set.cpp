@@ -39,9 +39,9 @@ Error bad_record(const std::string& file, std::uint64_t record, std::uint64_t of
 	             {}};
 }
 
-Result<Nothing> append(const SphereSet& set, std::vector<Sphere>& spheres)
+Status append(const SphereSet& set, const std::vector<std::uint8_t>& data, const std::vector<std::uint8_t>& indices,
+              std::vector<Sphere>& spheres)
 {
-	RT_TRY_ASSIGN(const std::vector<std::uint8_t> data, read_file(set.spheres_file, max_spheres * sphere_bytes));
 	if (data.size() % sphere_bytes != 0)
 		return Error{ErrorKind::InputOutput,
 		             fmt::format("{} bytes are not a whole number of spheres", data.size()),
@@ -56,17 +56,13 @@ Result<Nothing> append(const SphereSet& set, std::vector<Sphere>& spheres)
 		             fmt::format("a scene has at most {} spheres", max_spheres),
 		             {}};
 
-	std::vector<std::uint8_t> indices;
-	if (!set.materials_file.empty()) {
-		RT_TRY_ASSIGN(indices, read_file(set.materials_file, max_spheres * index_bytes));
-		if (indices.size() != count * index_bytes)
-			return Error{
-			    ErrorKind::InputOutput,
-			    fmt::format("{} bytes do not match the {} spheres of {}", indices.size(), count, set.spheres_file),
-			    set.materials_file,
-			    fmt::format("one little-endian u32 a sphere: {} bytes", count * index_bytes),
-			    {}};
-	}
+	const bool indexed = !set.materials_file.empty();
+	if (indexed && indices.size() != count * index_bytes)
+		return Error{ErrorKind::InputOutput,
+		             fmt::format("{} bytes do not match the {} spheres of {}", indices.size(), count, set.spheres_file),
+		             set.materials_file,
+		             fmt::format("one little-endian u32 a sphere: {} bytes", count * index_bytes),
+		             {}};
 
 	spheres.reserve(spheres.size() + count);
 	for (std::uint64_t i = 0; i < count; ++i) {
@@ -82,7 +78,7 @@ Result<Nothing> append(const SphereSet& set, std::vector<Sphere>& spheres)
 				    fmt::format("write {}", limits.describe()));
 			(k < 3 ? sphere.center[k] : sphere.radius) = value;
 		}
-		const std::uint32_t index = indices.empty() ? 0 : read_u32(indices.data() + i * index_bytes);
+		const std::uint32_t index = indexed ? read_u32(indices.data() + i * index_bytes) : 0;
 		if (index >= set.materials.size())
 			return bad_record(set.materials_file, i, i * index_bytes, fmt::format("there is no material {}", index),
 			                  fmt::format("\"materials\" lists {}, counted from 0", set.materials.size()));
@@ -96,8 +92,19 @@ Result<Nothing> append(const SphereSet& set, std::vector<Sphere>& spheres)
 
 Status append_sphere_set(const SphereSet& set, std::vector<Sphere>& spheres)
 {
+	RT_TRY_ASSIGN(const std::vector<std::uint8_t> records, read_file(set.spheres_file, max_spheres * sphere_bytes));
+	std::vector<std::uint8_t> indices;
+	if (!set.materials_file.empty()) {
+		RT_TRY_ASSIGN(indices, read_file(set.materials_file, max_spheres * index_bytes));
+	}
+	return append_sphere_records(set, records, indices, spheres);
+}
+
+Status append_sphere_records(const SphereSet& set, const std::vector<std::uint8_t>& records,
+                             const std::vector<std::uint8_t>& indices, std::vector<Sphere>& spheres)
+{
 	try {
-		return append(set, spheres);
+		return append(set, records, indices, spheres);
 	} catch (const std::bad_alloc&) {
 		return Error{ErrorKind::Memory, "no memory for the spheres", set.spheres_file, "use a smaller set", {}};
 	}

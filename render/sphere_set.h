@@ -23,4 +23,9 @@ struct SphereSet {
 // values out of range, with the record's number and its byte offset. (Memory): no room.
 Status append_sphere_set(const SphereSet& set, std::vector<Sphere>& spheres);
 
+// The same from the bytes of the two files, whose names are only used in messages. `indices` is read only if the set
+// has a materials_file.
+Status append_sphere_records(const SphereSet& set, const std::vector<std::uint8_t>& records,
+                             const std::vector<std::uint8_t>& indices, std::vector<Sphere>& spheres);
+
 } // namespace rt

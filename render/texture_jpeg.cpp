@@ -82,6 +82,15 @@ bool read_header(JpegReader& reader, const std::uint8_t* data, std::size_t bytes
 	return true;
 }
 
+// Huffman codes are a bit or longer, and every block of 8 x 8 has one at least (ITU-T T.81, F.1.2 and G.1.2), so a
+// short file that claims a large picture is refused before memory is taken for it: a progressive one is held as a
+// whole.
+bool long_enough(const jpeg_decompress_struct& jpeg, std::size_t file_bytes)
+{
+	const std::uint64_t blocks = std::uint64_t(jpeg.image_width / 8) * (jpeg.image_height / 8);
+	return jpeg.arith_code || blocks / 8 <= file_bytes;
+}
+
 // Choices that every libjpeg computes alike: the slow integer transform and plain replication of chroma; what depends
 // on a version's taste (smoothing, fancy upsampling) is off.
 bool start(JpegReader& reader)
@@ -124,6 +133,8 @@ Result<TextureImage> decode_jpeg(const std::uint8_t* data, std::size_t bytes, co
 	RT_TRY(check_texture_size(reader.jpeg.image_width, reader.jpeg.image_height, name));
 	if (reader.jpeg.jpeg_color_space == JCS_CMYK || reader.jpeg.jpeg_color_space == JCS_YCCK)
 		return Error{ErrorKind::InputOutput, "the JPEG file is CMYK, made for print", name, "convert it to RGB", {}};
+	if (!long_enough(reader.jpeg, bytes))
+		return broken_texture("JPEG", "the file is too short for a picture of its size", name);
 	if (!start(reader))
 		return broken();
 

@@ -40,24 +40,27 @@ bool read_picture(png_structp png, png_bytepp rows)
 
 Result<TextureImage> decode_png(const std::uint8_t* data, std::size_t bytes, const std::string& name)
 {
+	// All this is asked before libpng sees the file: it takes and clears memory for rows as long as the header says.
+	std::uint32_t width = 0, height = 0;
+	if (!png_size(data, bytes, width, height))
+		return broken_texture("PNG", "it ends within its header", name);
+	RT_TRY(check_texture_size(width, height, name));
+	if (!png_is_long_enough(data, bytes, width, height))
+		return broken_texture("PNG", "the file is too short for a picture of its size", name);
+
 	PngInput input{data, bytes, 0, "unknown error"};
 	PngReader reader(input);
 	if (!reader.png || !reader.info)
 		return Error{ErrorKind::Memory, "libpng could not be started", name, {}, {}};
-
-	// The size stands in a fixed place: asked for here, before libpng sees the file.
-	if (std::uint32_t width, height; png_size(data, bytes, width, height))
-		RT_TRY(check_texture_size(width, height, name));
 	if (!read_header(reader.png, reader.info, input))
 		return broken_texture("PNG", input.error, name);
+	if (png_get_image_width(reader.png, reader.info) != width ||
+	    png_get_image_height(reader.png, reader.info) != height)
+		return broken_texture("PNG", "it has two headers", name);
 
 	TextureImage image;
-	image.width = png_get_image_width(reader.png, reader.info);
-	image.height = png_get_image_height(reader.png, reader.info);
-	RT_TRY(check_texture_size(image.width, image.height, name));
-	if (!png_is_long_enough(data, bytes, image.width, image.height))
-		return broken_texture("PNG", "the file is too short for a picture of its size", name);
-
+	image.width = width;
+	image.height = height;
 	image.texels.resize(std::size_t(image.width) * image.height);
 	std::vector<png_bytep> rows(image.height);
 	for (std::size_t y = 0; y < image.height; ++y)

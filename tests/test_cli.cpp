@@ -15,6 +15,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <functional>
+#include <random>
 #include <regex>
 #include <sstream>
 #include <string>
@@ -22,6 +23,7 @@
 #include <vector>
 
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -518,7 +520,7 @@ TEST_CASE("the seed's own command line writes a numbered PNG")
 	CHECK(where.entries() == 1);
 }
 
-TEST_CASE("an image carries its provenance, and its name follows the rules")
+TEST_CASE("rule 17: an image carries its provenance, and its name follows the rules")
 {
 	const Directory where;
 	const std::string hash = render_hash(where, small);
@@ -722,7 +724,7 @@ TEST_CASE("progress goes to standard error in the form asked for")
 	CHECK(film_hash(verbose.out) == film_hash(plain.out));
 }
 
-TEST_CASE("a resumed render equals a straight one")
+TEST_CASE("rule 21: a resumed render equals a straight one")
 {
 	const Directory where;
 	const Arguments five = {"--backend", "reference", "--size", "24x16", "--samples", "5"};
@@ -749,7 +751,7 @@ TEST_CASE("a resumed render equals a straight one")
 	check_refused(where, five + resume, 7, {"film.rtfilm"});
 }
 
-TEST_CASE("a stop leaves a valid image, a film to go on from, and status 130")
+TEST_CASE("rule 21: a stop leaves a valid image, a film to go on from, and status 130")
 {
 	const int number = GENERATE(SIGINT, SIGTERM);
 	const Directory where;
@@ -775,6 +777,50 @@ TEST_CASE("a stop leaves a valid image, a film to go on from, and status 130")
 	CHECK(film->film.is_even());
 	const std::uint32_t done = film->film.min_samples();
 	REQUIRE(done > 0);
+	const Arguments samples = {"--samples", std::to_string(done + 3)};
+	CHECK(render_hash(where, image + samples + Arguments{"--resume", "a.rtfilm", "-o", "b.png"}) ==
+	      render_hash(where, image + samples + Arguments{"-o", "c.png"}));
+}
+
+TEST_CASE("rule 21: a render killed at any moment goes on from its last checkpoint to the same film")
+{
+	const Directory where;
+	// Large enough that writing a checkpoint takes a while, half a megabyte.
+	const Arguments image = {"--backend", "reference", "--size", "160x120", "--checkpoint-every", "1"};
+	const std::string file = (where / "a.rtfilm").string();
+	// A checkpoint is a new file each time; a kill may leave temporary files beside it.
+	const auto inode = [&file] {
+		struct stat info {};
+		return ::stat(file.c_str(), &info) == 0 ? info.st_ino : 0;
+	};
+	std::mt19937 engine(21);
+	std::uint32_t done = 0;
+	for (int kill = 0; kill < 6; kill++) {
+		const ino_t before = inode();
+		const std::size_t files = where.entries();
+		Child child(where, image + (before ? Arguments{"--resume", "a.rtfilm"} : Arguments{}) +
+		                       Arguments{"--samples", most_samples, "-o", "a.png", "--checkpoint", "a.rtfilm"});
+		// At once, at any time after the first new checkpoint, or when the next one is just being written.
+		if (kill > 0)
+			REQUIRE(child.wait_for([&] { return inode() != before; }));
+		const auto pause = std::chrono::milliseconds(engine() % 1500);
+		if (kill % 2 == 0)
+			std::this_thread::sleep_for(pause);
+		else
+			REQUIRE(child.wait_for([&] { return where.entries() > std::max<std::size_t>(files, 1); }));
+		INFO("kill " << kill << ", pause " << pause.count() << " ms");
+		child.signal(SIGKILL);
+		CHECK(child.status() == 1000 + SIGKILL);
+		if (kill == 0 && !inode())
+			continue;
+		const auto bytes = rt::read_file(file);
+		REQUIRE(bytes);
+		const auto film = rt::decode_rtfilm(bytes->data(), bytes->size(), "a.rtfilm");
+		REQUIRE(film);
+		CHECK(film->film.is_even());
+		CHECK(film->film.min_samples() > done);
+		done = film->film.min_samples();
+	}
 	const Arguments samples = {"--samples", std::to_string(done + 3)};
 	CHECK(render_hash(where, image + samples + Arguments{"--resume", "a.rtfilm", "-o", "b.png"}) ==
 	      render_hash(where, image + samples + Arguments{"-o", "c.png"}));

@@ -82,7 +82,7 @@ TEST_CASE("8-bit values agree with the transfer functions")
 	}
 }
 
-TEST_CASE("each threshold is the least radiance of its code")
+TEST_CASE("rule 19: each threshold is the least radiance of its code")
 {
 	for (const Transfer transfer : transfers) {
 		const std::uint64_t* const table = thresholds(transfer);

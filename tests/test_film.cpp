@@ -144,7 +144,7 @@ TEST_CASE("evenness and sample counts")
 	CHECK(Film().max_samples() == 0);
 }
 
-TEST_CASE("films add in any order")
+TEST_CASE("rule 15: films add in any order")
 {
 	std::mt19937_64 random(1);
 	std::vector<Film> films;
@@ -225,7 +225,7 @@ TEST_CASE("mean radiance")
 	CHECK(one_pixel(std::numeric_limits<std::int64_t>::min(), 1, 0).radiance(0, 0, 0) == -std::ldexp(1.0, 63));
 }
 
-TEST_CASE("mean radiance is correctly rounded")
+TEST_CASE("rule 19: mean radiance is correctly rounded")
 {
 	std::mt19937_64 random(2);
 	int wrong = 0;

@@ -66,7 +66,7 @@ TEST_CASE("write the golden hashes", "[.update]")
 	std::ofstream(RT_SOURCE_DIR "/render/golden.json") << golden_table(scenes);
 }
 
-TEST_CASE("every scene has its golden film hash on the reference backend", "[golden]")
+TEST_CASE("rule 22: every scene has its golden film hash on the reference backend", "[golden]")
 {
 	for (const TestScene& scene : test_scenes()) {
 		INFO(scene.name);
@@ -230,7 +230,7 @@ TEST_CASE("other seeds, sizes and pixels give other films", "[identity]")
 	CHECK(render(pack_test_scene(scene), reference_device(), generic(), scene.samples, 1).hash().hex() != hash);
 }
 
-TEST_CASE("spheres may be stored in any order", "[identity]") // rule 8
+TEST_CASE("rule 8: spheres may be stored in any order", "[identity]")
 {
 	for (const char* name : {"three-spheres", "weekend", "cornell", "cloud-1000"})
 		for (const TestScene& scene : test_scenes()) {
@@ -252,7 +252,7 @@ TEST_CASE("spheres may be stored in any order", "[identity]") // rule 8
 		}
 }
 
-TEST_CASE("of coincident spheres the lowest id owns the surface in any storage order", "[identity]") // rule 8
+TEST_CASE("rule 8: of coincident spheres the lowest id owns the surface in any storage order", "[identity]")
 {
 	Result<SceneFile> file = open_scene("three-spheres");
 	REQUIRE(file);
@@ -279,7 +279,7 @@ TEST_CASE("of coincident spheres the lowest id owns the surface in any storage o
 	CHECK(expected.sums() != render(*without, reference_device(), generic(), 3).sums());
 }
 
-TEST_CASE("scaling a scene by a power of two changes no bit", "[identity]") // rule 9
+TEST_CASE("rule 9: scaling a scene by a power of two changes no bit", "[identity]")
 {
 	for (const char* name : {"three-spheres", "weekend", "floating", "furnace"}) {
 		Result<SceneFile> file = open_scene(name);

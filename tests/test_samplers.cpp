@@ -4,6 +4,7 @@
 // is below 1e-4: that is how often a correct program would fail if its random numbers were drawn anew. Each kind of
 // test also has to reject a sampler that is wrong.
 #include "render/pack.h"
+#include "render/scene_file.h"
 #include "tests/catch.h"
 #include "tests/statistics.h"
 
@@ -532,6 +533,20 @@ TEST_CASE("refraction keeps to Snell's law and to the plane of incidence")
 
 namespace {
 
+rt_scene_view view_of(const PackedScene& packed)
+{
+	return {&packed.scene,
+	        nullptr,
+	        packed.spheres.data(),
+	        packed.wide.data(),
+	        packed.sphere_ids.data(),
+	        packed.sphere_materials.data(),
+	        packed.bvh.data(),
+	        packed.materials.data(),
+	        packed.textures.data(),
+	        packed.texels.data()};
+}
+
 struct Probe {
 	Scene scene;
 	PackedScene packed;
@@ -545,16 +560,7 @@ struct Probe {
 		const auto result = pack_scene(scene, scene.render, {0, 0, 640, 480});
 		REQUIRE(result);
 		packed = *result;
-		view = {&packed.scene,
-		        nullptr,
-		        packed.spheres.data(),
-		        packed.wide.data(),
-		        packed.sphere_ids.data(),
-		        packed.sphere_materials.data(),
-		        packed.bvh.data(),
-		        packed.materials.data(),
-		        packed.textures.data(),
-		        packed.texels.data()};
+		view = view_of(packed);
 	}
 
 	// A path from the camera that meets the sphere at this cosine of incidence.
@@ -594,7 +600,7 @@ void scatter_many(const Probe& probe, const rt_path& start, std::uint32_t count,
 
 } // namespace
 
-TEST_CASE("scattering multiplies the weight by the albedo and leaves a unit direction")
+TEST_CASE("rule 12: scattering multiplies the weight by the albedo and leaves a unit direction")
 {
 	constexpr std::uint32_t count = 1u << 15;
 	double worst = 0;
@@ -642,6 +648,70 @@ TEST_CASE("scattering multiplies the weight by the albedo and leaves a unit dire
 	CHECK(worst > 0); // it was measured
 }
 
+TEST_CASE("rule 12: directions stay unit vectors along whole paths")
+{
+	double worst = 0, worst_drift = 0;
+	std::uint32_t bounces = 0, deep = 0;
+	for (const char* name : {"weekend", "three-spheres", "closed", "cornell"}) {
+		const auto file = open_scene(name);
+		REQUIRE(file);
+		const auto packed = pack_scene(file->base, file->base.render, {0, 0, 64, 48});
+		REQUIRE(packed);
+		const rt_scene_view view = view_of(*packed);
+		for (std::uint32_t i = 0; i < 64 * 48; ++i) {
+			const std::uint32_t x = i % 64, y = i / 64;
+			rt_path path = rt_path_start(view, x, y, 3);
+			for (;;) {
+				worst = std::max(worst, ulps_from_unit(path.ray.dir));
+				const rt_hit hit = rt_closest_hit(view, path.ray, RT_TRUE);
+				if (hit.index < 0 || rt_path_scatter(view, &path, hit, y * view.scene->width + x, 3, RT_TRUE))
+					break;
+				++bounces;
+				deep += path.depth == 20 ? 1 : 0;
+			}
+		}
+	}
+	INFO(bounces << " bounces; longest or shortest direction: " << worst << " ulp");
+	CHECK(worst < 4);
+	CHECK(worst > 0);
+	CHECK(bounces > 10000);
+	CHECK(deep > 100);
+
+	// A mirror's direction that is never normalised drifts away.
+	rt_vec3 d = in_float(unit({1, 2, 3}));
+	for (const rt_vec3& n : normals())
+		for (int k = 0; k < 20; ++k) {
+			const Vec3d m = in_double(n);
+			const rt_vec3 side = in_float(unit({m[0] + 0.3, m[1] - 0.1 * k, m[2] + 0.2}));
+			d = rt_reflect(d, -v3_dot(d, side), side);
+			worst_drift = std::max(worst_drift, ulps_from_unit(d));
+		}
+	CHECK(worst_drift > 4);
+}
+
+TEST_CASE("rule 12: the frame about a normal is orthonormal, at its seam too")
+{
+	double worst = 0;
+	for (const rt_vec3& n : normals()) {
+		const Vec3d x = in_double(rt_from_frame(v3(1, 0, 0), n)), y = in_double(rt_from_frame(v3(0, 1, 0), n)),
+		            z = in_double(rt_from_frame(v3(0, 0, 1), n));
+		INFO(name_of(n));
+		for (const double product : {dot(x, y), dot(y, z), dot(z, x)})
+			worst = std::max(worst, std::fabs(product) / ulp);
+		for (const Vec3d& axis : {x, y, z})
+			worst = std::max(worst, std::fabs(dot(axis, axis) - 1) / ulp);
+		CHECK(dot(z, in_double(n)) > 1 - 8 * ulp); // its z axis is the normal
+	}
+	INFO("worst product or length: " << worst << " ulp");
+	CHECK(worst < 8);
+
+	// Frisvad's frame (2012), whose first axis is (1 - a x^2, -a x y, -x) with a = 1 / (1 + z), beside z = -1.
+	const float nx = 0x1p-12f, nz = std::nextafterf(-1.0f, 0.0f);
+	const float a = 1 / (1 + nz);
+	const Vec3d first = {static_cast<double>(1 - a * nx * nx), 0, static_cast<double>(-nx)};
+	CHECK(std::fabs(dot(first, first) - 1) / ulp > 8);
+}
+
 TEST_CASE("a path's bounces are independent of each other and of its place in the pixel")
 {
 	Material white = material_of(Material::Kind::Lambertian);
@@ -675,7 +745,7 @@ TEST_CASE("a path's bounces are independent of each other and of its place in th
 	CHECK_FAMILY(family);
 }
 
-TEST_CASE("normals are unit vectors whatever the sphere's size and distance")
+TEST_CASE("rules 11 and 12: normals are unit vectors whatever the sphere's size and distance")
 {
 	std::mt19937_64 engine(1);
 	const auto uniform = [&] { return static_cast<double>(engine() >> 11) * 0x1p-53; };

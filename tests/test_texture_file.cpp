@@ -3,8 +3,11 @@
 #include "support/files.h"
 #include "tests/catch.h"
 
+#include <algorithm>
 #include <cstring>
 #include <functional>
+
+#include <sys/resource.h>
 
 using namespace rt;
 
@@ -237,6 +240,19 @@ TEST_CASE("PNG files that lie about their size take no memory")
 	check_is_error(decoded(with_size(0, 4)), "0 x 4");
 	check_is_error(decoded(with_size(16384, 16384)), "too short");
 	check_is_error(decoded(with_size(4, 5)), "broken or cut short");
+
+	// libpng takes memory for a row when it has read the header, so one long row must be refused before.
+	const auto peak_mebibytes = [] {
+		rusage usage{};
+		REQUIRE(getrusage(RUSAGE_SELF, &usage) == 0);
+		return usage.ru_maxrss / 1024;
+	};
+	const long before = peak_mebibytes();
+	check_is_error(decoded(with_size(0x08000003u, 1)), "too short");
+	CHECK(peak_mebibytes() < before + 64);
+	const std::vector<std::uint8_t> control(std::size_t(128 + 64) << 20, 1); // such memory would have been seen
+	CHECK(control.back() == 1);
+	CHECK(peak_mebibytes() >= before + 64);
 }
 
 TEST_CASE("cut, changed and foreign files are errors")
@@ -282,6 +298,23 @@ TEST_CASE("JPEG, baseline and progressive, colour and grey")
 	REQUIRE(image);
 	for (const std::uint32_t texel : image->texels)
 		CHECK(((texel & 255) == (texel >> 8 & 255) && (texel & 255) == (texel >> 16)));
+}
+
+TEST_CASE("JPEG files that lie about their size take no memory")
+{
+	for (const std::string name : {"halves", "halves_progressive"}) {
+		const auto file = read_file(RT_TEST_DATA "/textures/" + name + ".jpg");
+		REQUIRE(file);
+		// Start of frame: marker, length 17, precision, height, width.
+		Bytes lying = *file;
+		const Bytes marker = {0xff, static_cast<std::uint8_t>(name == "halves" ? 0xc0 : 0xc2), 0, 17};
+		const auto frame = std::search(lying.begin(), lying.end(), marker.begin(), marker.end());
+		REQUIRE(frame != lying.end());
+		REQUIRE(decoded(lying));
+		const Bytes size = {0x40, 0, 0x40, 0}; // 16384 x 16384
+		std::copy(size.begin(), size.end(), frame + 5);
+		check_is_error(decoded(lying), "too short");
+	}
 }
 
 TEST_CASE("broken JPEG")

@@ -16,9 +16,9 @@ double seconds_since(Clock::time_point start) { return std::chrono::duration<dou
 // What one round of kernels/peak.cl does a lane: 12 chains, 8 times.
 constexpr double operations_per_round = 12 * 8;
 // Long against a launch's overhead, short for a user.
-constexpr double launch_seconds = 0.02;
+constexpr double launch_seconds = 0.015;
 constexpr int timed_launches = 4;
-constexpr std::uint32_t max_rounds = 1u << 30;
+constexpr std::uint32_t max_rounds = 1u << 28;
 
 // Enough to fill a GPU whatever its registers allow, and pieces enough for the threads of a processor to even out.
 std::uint32_t items_for(const DeviceInfo& info)
@@ -38,21 +38,20 @@ Result<double> measure(Device& device, const ProgramHandle& program, const char*
 		RT_TRY(device.wait());
 		return std::max(seconds_since(start), 1e-9);
 	};
-	std::uint32_t rounds = 1;
-	RT_TRY(time(rounds)); // the first launch of a kernel may compile it
-	RT_TRY_ASSIGN(double seconds, time(rounds));
-	while (seconds < launch_seconds / 8 && rounds < max_rounds / 8) {
-		rounds *= 8;
-		RT_TRY_ASSIGN(seconds, time(rounds));
-	}
-	if (seconds < launch_seconds)
-		rounds = static_cast<std::uint32_t>(std::min(double(rounds) * launch_seconds / seconds, double(max_rounds)));
+	RT_TRY(time(1)); // the first launch of a kernel may compile it
 	double best = 0;
-	for (int i = 0; i < timed_launches; ++i) {
-		RT_TRY_ASSIGN(seconds, time(rounds));
+	std::uint32_t rounds = 1;
+	for (int timed = 0; timed < timed_launches;) {
+		RT_TRY_ASSIGN(const double seconds, time(rounds));
+		if (seconds < launch_seconds / 2 && rounds < max_rounds) {
+			// Too short to say anything. No large step: a launch that was held up by others looks long.
+			rounds = std::min(static_cast<std::uint32_t>(rounds * std::clamp(launch_seconds / seconds, 2.0, 8.0)),
+			                  max_rounds);
+			continue;
+		}
 		best = std::max(best, double(items) * lanes * rounds * operations_per_round / seconds);
-		if (seconds > 8 * launch_seconds)
-			break; // an interpreter, or a device shared with others: one launch says enough
+		// An interpreter, or a device shared with others: few launches say enough.
+		timed += seconds > 8 * launch_seconds ? timed_launches : 1;
 	}
 	return best;
 }

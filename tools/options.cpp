@@ -480,6 +480,10 @@ Result<CommandLine> parse_info(std::vector<std::string> arguments)
 	set_manners(app, "rt info");
 	app.add_option("scene", options.scene, "a scene file, a shipped scene's name, or cloud-N")->type_name("");
 	app.add_flag("--json", options.json, "for programs");
+	app.add_option("--spheres", options.spheres,
+	               "also write the spheres to FILE (f32le-xyzr) and their\nmaterials to FILE.materials (u32le), as "
+	               "sphere_sets has\nthem; --json lists the materials")
+	    ->type_name("FILE");
 	RT_TRY_ASSIGN(const auto text, parse(app, std::move(arguments)));
 	if (text)
 		return CommandLine(*text);

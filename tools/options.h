@@ -58,6 +58,7 @@ struct DevicesOptions {
 
 struct InfoOptions {
 	std::string scene;
+	std::string spheres; // file for the spheres themselves, or empty
 	bool json = false;
 };
 

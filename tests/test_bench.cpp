@@ -5,6 +5,9 @@
 
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <iterator>
 #include <string>
 #include <vector>
 
@@ -165,4 +168,29 @@ TEST_CASE("bench: the table, and errors")
 	CHECK(run_rt("bench --repeats 0").status == 2);
 	CHECK(run_rt("bench no-such-scene").status == 7);
 	CHECK(run_rt("bench --json /no/such/folder/bench.json --backend reference").status == 7);
+}
+
+TEST_CASE("info --spheres hands a scene to other programs")
+{
+	const std::string file = "/tmp/rt-test-bench-" + std::to_string(std::rand()) + ".f32";
+	const Outcome told = run_rt("info three-spheres --json --spheres " + file);
+	REQUIRE(told.status == 0);
+	const Json json = Json::parse(told.out);
+	REQUIRE(json.at("material_list").size() == 4);
+	const auto read = [](const std::string& path) {
+		std::ifstream stream(path, std::ios::binary);
+		const std::string bytes((std::istreambuf_iterator<char>(stream)), std::istreambuf_iterator<char>());
+		(void)std::remove(path.c_str());
+		return bytes;
+	};
+	const std::string spheres = read(file), materials = read(file + ".materials");
+	REQUIRE(spheres.size() == 4 * 16);
+	REQUIRE(materials.size() == 4 * 4);
+	// The third sphere: centre (1, 0, 1), radius -0.5, of glass.
+	const float expected[4] = {1.0f, 0.0f, 1.0f, -0.5f};
+	CHECK(std::memcmp(spheres.data() + 2 * 16, expected, sizeof expected) == 0);
+	const auto index = static_cast<std::size_t>(static_cast<unsigned char>(materials[2 * 4]));
+	CHECK(json.at("material_list").at(index).at("name") == "glass");
+	CHECK(json.at("material_list").at(index).at("ior") == 0.7);
+	CHECK(run_rt("info three-spheres --spheres /no/such/folder/x.f32").status == 7);
 }

@@ -57,13 +57,13 @@ void check_measured(const Json& json)
 {
 	const Json& phases = json.at("phases");
 	double parts = 0;
-	for (const char* phase : {"build", "upload", "launches", "read_back", "rest", "encode", "total"}) {
+	for (const char* phase : {"bvh", "build", "upload", "launches", "read_back", "rest", "encode", "total"}) {
 		check_spread(phases.at(phase));
 		if (phase != std::string("total"))
 			parts += phases.at(phase).at("min").get<double>();
 		CHECK(json.at("first").at(phase).get<double>() >= 0);
 	}
-	CHECK(phases.size() == 7);
+	CHECK(phases.size() == 8);
 	CHECK(parts <= phases.at("total").at("max").get<double>());
 	for (const char* rate : {"samples_per_second", "segments_per_second"}) {
 		check_spread(json.at(rate));
@@ -104,6 +104,14 @@ TEST_CASE("bench: one scene as JSON")
 	             json.at("phases").at("launches").at("median").get<double>()));
 	CHECK(model.at("share_of_fma_peak").get<double>() ==
 	      Approx(model.at("operations_per_second").get<double>() / json.at("peak").at("fma_per_second").get<double>()));
+}
+
+TEST_CASE("bench: the model counts no tests that a tree spares")
+{
+	CHECK(bench("cloud-1000 --size 8x4 --spp 1 --repeats 1 --bvh always").at("model").is_null());
+	const Json all = bench("cloud-1000 --size 8x4 --spp 1 --repeats 1 --bvh never");
+	CHECK(all.at("model").at("tests_per_segment") == 1000);
+	CHECK_FALSE(all.at("bvh").get<bool>());
 }
 
 TEST_CASE("bench: what is measured is what rt renders")

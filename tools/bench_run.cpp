@@ -39,8 +39,9 @@ Result<OneRender> render_once(const PackedScene& packed, const BenchDevice& devi
 	phase(BenchPhase::Upload) = stats.upload_seconds;
 	phase(BenchPhase::Launches) = stats.launch_seconds;
 	phase(BenchPhase::ReadBack) = stats.read_seconds;
-	phase(BenchPhase::Rest) =
-	    std::max(0.0, session - stats.build.seconds - stats.upload_seconds - stats.launch_seconds - stats.read_seconds);
+	phase(BenchPhase::Bvh) = one.result.bvh_seconds;
+	phase(BenchPhase::Rest) = std::max(0.0, session - one.result.bvh_seconds - stats.build.seconds -
+	                                            stats.upload_seconds - stats.launch_seconds - stats.read_seconds);
 	const Clock::time_point encode = Clock::now();
 	RT_TRY(encode_image(one.result.film, ImageFormat::Png, {}, {}));
 	phase(BenchPhase::Encode) = seconds_since(encode);
@@ -110,6 +111,7 @@ Result<BenchRun> bench_scene(const std::string& scene_name, const RenderOptions&
 	session.samples = run.settings.samples;
 	session.specialise = options.specialise;
 	session.lanes = options.lanes;
+	session.bvh = options.bvh;
 	session.software_roots = device.software_roots;
 	std::array<std::vector<double>, bench_phase_names.size()> seconds;
 	std::vector<double> render_seconds;
@@ -146,7 +148,7 @@ Result<BenchRun> bench_scene(const std::string& scene_name, const RenderOptions&
 PeakShare peak_share(const BenchRun& run, const DevicePeak& peak)
 {
 	PeakShare share;
-	share.tests_per_segment = static_cast<double>(run.spheres);
+	share.tests_per_segment = run.stats.bvh ? 0 : static_cast<double>(run.spheres);
 	const double seconds = std::max(run.phase(BenchPhase::Launches).median, 1e-9);
 	share.operations_per_second =
 	    static_cast<double>(run.segments) * share.tests_per_segment * share.operations_per_test / seconds;

@@ -28,9 +28,9 @@ Spread spread_of(std::vector<double> values);
 
 // The parts of a render, in their order. Rest: what the session does beside them (its threads, its film). Total: from
 // the packed scene to the PNG's bytes.
-enum class BenchPhase { Build, Upload, Launches, ReadBack, Rest, Encode, Total };
-constexpr std::array<const char*, 7> bench_phase_names = {"build", "upload", "launches", "read_back",
-                                                          "rest",  "encode", "total"};
+enum class BenchPhase { Bvh, Build, Upload, Launches, ReadBack, Rest, Encode, Total };
+constexpr std::array<const char*, 8> bench_phase_names = {"bvh",       "build", "upload", "launches",
+                                                          "read_back", "rest",  "encode", "total"};
 
 struct BenchRun {
 	std::string scene;
@@ -65,12 +65,13 @@ Result<BenchRun> bench_scene(const std::string& scene, const RenderOptions& opti
                              std::uint32_t repeats, const std::function<void(const std::string&)>& status);
 
 // How near a run came to a device's peak, by a model that is the same for every kernel: a ray-sphere test is 17 float
-// operations, 9 of them fma, if nothing is spent on accuracy, and a path segment tests every sphere. All other work
-// (random numbers, surfaces, materials, the film) counts as nothing, and so does what makes our own test accurate: the
-// figure is a lower bound of what the device was kept busy with, and comparable between programs.
+// operations, 9 of them fma, if nothing is spent on accuracy, and a path segment tests every sphere (where a tree
+// spares most tests there is no such figure). All other work (random numbers, surfaces, materials, the film) counts as
+// nothing, and so does what makes our own test accurate: the figure is a lower bound of what the device was kept busy
+// with, and comparable between programs.
 struct PeakShare {
 	double operations_per_test = 17;
-	double tests_per_segment = 0;
+	double tests_per_segment = 0; // 0: unknown, because there is a tree
 	double operations_per_second = 0;
 	double share = 0; // of the fma peak, an fma counted as one operation as a device issues it
 };

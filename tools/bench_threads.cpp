@@ -137,6 +137,7 @@ Result<BenchRun> run_of(const std::string& text)
 		run.load_seconds = json.at("load_seconds").get<double>();
 		run.pack_seconds = json.at("pack_seconds").get<double>();
 		run.render_seconds = spread(json.at("render_seconds"));
+		run.stats.bvh = json.at("bvh").get<bool>();
 		run.stats.launches = json.at("launches").get<std::uint64_t>();
 		for (std::size_t phase = 0; phase < bench_phase_names.size(); ++phase)
 			run.phases[phase] = spread(json.at("phases").at(bench_phase_names[phase]));
@@ -180,6 +181,8 @@ Result<BenchRun> bench_with_threads(const std::string& scene, const RenderOption
 		arguments.insert(arguments.end(), {"--device", options.device.device});
 	if (options.lanes)
 		arguments.insert(arguments.end(), {"--lanes", fmt::to_string(options.lanes)});
+	if (options.bvh != Acceleration::Auto)
+		arguments.insert(arguments.end(), {"--bvh", options.bvh == Acceleration::Always ? "always" : "never"});
 	if (!options.specialise)
 		arguments.emplace_back("--generic");
 	if (options.force_unverified)

@@ -80,7 +80,8 @@ Result<std::vector<Plan>> plan(const BenchOptions& bench)
 	return plans;
 }
 
-// What the next point will take, if time goes on growing as it did between the last two; at least in proportion.
+// What the next point will take: in proportion after the first point, then as time grew between the last two, but
+// neither slower than a square root nor faster than a square: others can hold up a short measurement.
 double predicted_seconds(const std::vector<SweepPoint>& points, double x)
 {
 	if (points.empty())
@@ -88,7 +89,7 @@ double predicted_seconds(const std::vector<SweepPoint>& points, double x)
 	const SweepPoint& last = points.back();
 	double exponent = 1;
 	if (points.size() > 1)
-		exponent = std::max(exponent, fitted_exponent(points, points.size() - 2).value_or(1));
+		exponent = std::clamp(fitted_exponent(points, points.size() - 2).value_or(1), 0.5, 2.0);
 	return last.seconds() * std::pow(x / last.x, exponent);
 }
 

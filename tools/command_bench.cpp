@@ -251,12 +251,13 @@ private:
 	{
 		std::string text = device_text() + '\n';
 		std::vector<std::vector<std::string>> rows = {
-		    {'>' + sweep.of, "scene", ">load and pack", ">min", ">median", ">max", ">rays/s", "film"}};
+		    {'>' + sweep.of, "scene", ">load and tree", ">min", ">median", ">max", ">rays/s", "film"}};
 		for (const SweepPoint& point : sweep.points) {
 			const BenchRun& run = point.run;
 			rows.push_back({fmt::format("{:.0f}", point.x), run.scene,
-			                format_seconds(run.load_seconds + run.pack_seconds), format_seconds(run.render_seconds.min),
-			                format_seconds(run.render_seconds.median), format_seconds(run.render_seconds.max),
+			                format_seconds(run.load_seconds + run.pack_seconds + run.phase(BenchPhase::Bvh).min),
+			                format_seconds(run.render_seconds.min), format_seconds(run.render_seconds.median),
+			                format_seconds(run.render_seconds.max),
 			                format_quantity(rate_of(run.segments, run.render_seconds).median), run.film_hash});
 		}
 		text += format_table(rows);

@@ -60,6 +60,8 @@ def add(results, document, path):
             entry = {**{key: document[key] for key in ("date", "host", "processors", "load")}, **case}
             rt = [row for row in case["rows"] if row["peer"].startswith("rt ") and "device" in row]
             entry["device"] = rt[0]["device"] if rt else ""
+            # A run without rt says nothing of its device: it gives way to any other.
+            results["peers"] = [other for other in results["peers"] if other["device"] or other["case"] != case["case"]]
             replace(results["peers"], entry, lambda other: (other["case"], other["device"]))
     elif "sweep" in document:
         sweep = dict(document["sweep"])
@@ -245,7 +247,7 @@ def device_text(device):
 def peers_text(entry):
     rt = next((row for row in entry["rows"] if "device" in row), None)
     lines = [f"### {entry['case']}", ""]
-    facts = [entry["date"][:10], f"{entry['processors']} processors", f"load {entry['load']:.1f} before the run"]
+    facts = [entry["date"][:10], f"{entry['processors']} processors", f"load average {entry['load']:.0f} at the end"]
     if rt:
         facts = [rt["device"], f"driver {rt['driver']}", f"rt {rt['version']}"] + facts
     lines += ["; ".join(facts) + ".", ""]
@@ -321,7 +323,8 @@ def page(results):
              "<!-- Made by tools/plot_performance.py from docs/performance.json; do not edit. -->", "",
              "How fast rt is, against other path tracers on the same scenes, and how time grows with what a render is",
              "made of. Figures are of the devices and days that they name; machines that are shared are noisy, so only",
-             "ratios of one run count. Speed is not promised (README.md); bits are, and nothing here can change one.",
+             "ratios of one run count, and a load average above the number of processors says that even these are rough.",
+             "Speed is not promised (README.md); bits are, and nothing here can change one.",
              "", "## Measuring", "",
              "    rt bench weekend --size 1200x675 --spp 100 --json weekend.json",
              "    rt bench --sweep spheres --size 400x225 --spp 16 --json spheres.json",

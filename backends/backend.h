@@ -14,6 +14,7 @@
 #include <cstdint>
 #include <cstdlib>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <variant>
@@ -101,13 +102,23 @@ inline std::uint32_t integer_define(const ProgramSpec& spec, const std::string& 
 	return fallback;
 }
 
+// What a kernel takes of its device, where the driver tells; shown by `rt bench`.
+struct KernelUse {
+	std::string entry;
+	std::uint32_t group_size = 0;               // work-items of a group that rt launches if nobody asks for others
+	std::optional<std::uint32_t> registers;     // a work-item
+	std::optional<std::uint32_t> private_bytes; // a work-item's memory outside of registers: spills and arrays
+	std::optional<double> occupancy;            // work-items that a compute unit holds at once, of those that it could
+};
+
 struct BuildReport {
 	double seconds = 0; // wall time of build(), compilation and loading
 	bool from_cache = false;
-	bool embedded = false; // the generic program compiled when rt was built (no run-time compiler found)
-	std::string options;   // what the device's compiler was given
-	std::string log;       // compiler's output, may be empty
-	std::string variant;   // reference: which compiled variant serves; otherwise empty
+	bool embedded = false;          // the generic program compiled when rt was built (no run-time compiler found)
+	std::string options;            // what the device's compiler was given
+	std::string log;                // compiler's output, may be empty
+	std::string variant;            // reference: which compiled variant serves; otherwise empty
+	std::vector<KernelUse> kernels; // of the entries that the driver says something about
 };
 
 class Program {

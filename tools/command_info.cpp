@@ -3,12 +3,14 @@
 #include "render/pack.h"
 #include "render/scene_file.h"
 #include "render/session.h"
+#include "support/files.h"
 #include "tools/report.h"
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include <cstdint>
+#include <cstring>
 #include <limits>
 #include <string>
 #include <utility>
@@ -146,6 +148,47 @@ std::string text(const SceneFile& file, const PackedScene& packed)
 	return format_table(rows);
 }
 
+Json materials_json(const Scene& scene)
+{
+	Json list = Json::array();
+	for (const Material& material : scene.materials)
+		list.push_back(
+		    {{"name", material.name},
+		     {"kind", name_of(material.kind)},
+		     {"albedo", material.albedo},
+		     {"emission", material.emission},
+		     {"fuzz", material.fuzz},
+		     {"ior", material.ior},
+		     {"texture",
+		      material.texture < 0 ? Json() : Json(scene.textures[static_cast<std::size_t>(material.texture)].name)}});
+	return list;
+}
+
+void append_le32(std::vector<std::uint8_t>& bytes, std::uint32_t word)
+{
+	for (int shift = 0; shift < 32; shift += 8)
+		bytes.push_back(static_cast<std::uint8_t>(word >> shift));
+}
+
+// As sphere_set.h reads them: records of four floats, and an index a sphere into the list of materials.
+Status write_spheres(const Scene& scene, const std::string& path)
+{
+	std::vector<std::uint8_t> records, materials;
+	records.reserve(scene.spheres.size() * 16);
+	materials.reserve(scene.spheres.size() * 4);
+	for (const Sphere& sphere : scene.spheres) {
+		for (const double value : {sphere.center[0], sphere.center[1], sphere.center[2], sphere.radius}) {
+			const auto rounded = static_cast<float>(value);
+			std::uint32_t bits;
+			std::memcpy(&bits, &rounded, sizeof bits);
+			append_le32(records, bits);
+		}
+		append_le32(materials, sphere.material);
+	}
+	RT_TRY(write_file(path, records.data(), records.size()));
+	return write_file(path + ".materials", materials.data(), materials.size());
+}
+
 Json json(const SceneFile& file, const PackedScene& packed)
 {
 	const Scene& scene = file.base;
@@ -192,6 +235,7 @@ Json json(const SceneFile& file, const PackedScene& packed)
 	    {"sky", {{"kind", name_of(scene.sky.kind)}, {"bottom", scene.sky.bottom}, {"top", scene.sky.top}}},
 	    {"spheres", {{"count", scene.spheres.size()}, {"wide", packed.wide.size()}, {"hollow", counts.hollow}}},
 	    {"materials", kinds},
+	    {"material_list", materials_json(scene)},
 	    {"textures", textures},
 	    {"animation", animation},
 	    {"features", feature_names(packed.features)},
@@ -207,6 +251,8 @@ Status run_info(const InfoOptions& options)
 	RT_TRY_ASSIGN(const SceneFile file, open_scene(options.scene));
 	const RenderSettings& settings = file.base.render;
 	RT_TRY_ASSIGN(const PackedScene packed, pack_scene(file.base, settings, {0, 0, settings.width, settings.height}));
+	if (!options.spheres.empty())
+		RT_TRY(write_spheres(file.base, options.spheres));
 	print_result(options.json ? to_text(json(file, packed)) : text(file, packed));
 	return success();
 }

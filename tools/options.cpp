@@ -169,6 +169,7 @@ constexpr const char* commands_text = "Commands (each has its own --help):\n"
                                       "  render     render a scene to an image; the default, its name may be left out\n"
                                       "  devices    list what rt can run on, what is missing, and how to get it\n"
                                       "  info       what a scene contains and needs\n"
+                                      "  bench      how fast a device renders a scene, part by part\n"
                                       "  verify     are the devices and drivers here right? For bug reports\n"
                                       "  trace      one path with all its numbers; where two devices first differ\n"
                                       "  compare    two images: the same or not, where, by how much, and why\n"
@@ -252,7 +253,8 @@ struct RawRender {
 	std::string transfer = "srgb", exposure = "0", precision = "exact", progress = "auto", lanes = "auto", bvh = "auto";
 };
 
-void add_image_options(CLI::App& app, RenderOptions& options, RawRender& raw)
+// The scene and what may change the time of a render.
+void add_scene_options(CLI::App& app, RenderOptions& options, RawRender& raw)
 {
 	const RenderSettings defaults;
 	app.add_option("scene", options.scene,
@@ -267,6 +269,14 @@ void add_image_options(CLI::App& app, RenderOptions& options, RawRender& raw)
 	add("--samples,--spp", raw.samples, "N", fmt::format("samples a pixel ({})", defaults.samples));
 	add("--seed", raw.seed, "N", fmt::format("of the random numbers ({})", defaults.seed));
 	add("--max-depth", raw.max_depth, "N", fmt::format("scatterings after which a path ends ({})", defaults.max_depth));
+}
+
+void add_image_options(CLI::App& app, RenderOptions& options, RawRender& raw)
+{
+	add_scene_options(app, options, raw);
+	const auto add = [&app](const char* name, std::string& value, const char* type, const std::string& text) {
+		app.add_option(name, value, text)->type_name(type)->group("Image");
+	};
 	add("--frames", raw.frames, "A:B", "frames A to B, both included, or one frame (0)");
 	add("--pixel", raw.pixel, "X,Y", "only this pixel, with the bits it has in the whole");
 	add("--crop", raw.crop, "X0,X1,Y0,Y1", "only columns X0 to X1 - 1 and rows Y0 to Y1 - 1");
@@ -418,6 +428,14 @@ Status check_together(const RenderOptions& options)
 	return success();
 }
 
+Status check_no_empty_value(const CLI::App& app)
+{
+	for (const CLI::Option* option : app.get_options())
+		if (option->get_type_size() > 0 && option->count() > 0 && option->results().back().empty())
+			return usage(option->get_name() + " has an empty value", "leave it out or give it a value");
+	return success();
+}
+
 Result<CommandLine> parse_render(std::vector<std::string> arguments, bool named)
 {
 	RenderOptions options;
@@ -432,9 +450,7 @@ Result<CommandLine> parse_render(std::vector<std::string> arguments, bool named)
 	RT_TRY_ASSIGN(const auto text, parse(app, std::move(arguments)));
 	if (text)
 		return CommandLine(*text);
-	for (const CLI::Option* option : app.get_options())
-		if (option->get_type_size() > 0 && option->count() > 0 && option->results().back().empty())
-			return usage(option->get_name() + " has an empty value", "leave it out or give it a value");
+	RT_TRY(check_no_empty_value(app));
 	RT_TRY(check_image(raw, options));
 	RT_TRY(check_rest(raw, options));
 	RT_TRY(check_together(options));
@@ -464,6 +480,10 @@ Result<CommandLine> parse_info(std::vector<std::string> arguments)
 	set_manners(app, "rt info");
 	app.add_option("scene", options.scene, "a scene file, a shipped scene's name, or cloud-N")->type_name("");
 	app.add_flag("--json", options.json, "for programs");
+	app.add_option("--spheres", options.spheres,
+	               "also write the spheres to FILE (f32le-xyzr) and their\nmaterials to FILE.materials (u32le), as "
+	               "sphere_sets has\nthem; --json lists the materials")
+	    ->type_name("FILE");
 	RT_TRY_ASSIGN(const auto text, parse(app, std::move(arguments)));
 	if (text)
 		return CommandLine(*text);
@@ -696,7 +716,72 @@ Result<CommandLine> parse_trace(std::vector<std::string> arguments)
 	return CommandLine(std::move(options));
 }
 
+Result<CommandLine> parse_bench(std::vector<std::string> arguments)
+{
+	BenchOptions options;
+	RawRender raw;
+	std::string repeats, sweep = "none", limit;
+	CLI::App app("How fast a device renders a scene: samples and rays a second, the time of each part, and the share "
+	             "of the device's measured peak. Renders once to warm up, then again and again; writes no image.");
+	set_manners(app, "rt bench");
+	add_scene_options(app, options.render, raw);
+	add_device_options(app, options.render, raw);
+	const auto add = [&app](const char* name, std::string& value, const char* type, const std::string& text) {
+		app.add_option(name, value, text)->type_name(type)->group("Benchmark");
+	};
+	add("--repeats", repeats, "N", fmt::format("renders after the first one ({})", options.repeats));
+	add("--sweep", sweep, "WHAT",
+	    "how time grows with pixels, samples, spheres (of\ncloud-N), depth, or threads of a processor; sizes\n"
+	    "given by other options are the largest");
+	add("--limit", limit, "S", fmt::format("a sweep ends before renders longer than this ({})", options.limit_seconds));
+	add("--json", options.json, "FILE", "all of it for programs; - for standard output");
+	app.add_flag("-q,--quiet", options.quiet, "no table and no progress")->group("Benchmark");
+	app.footer("Examples:\n"
+	           "  rt bench weekend --size 1200x675 --spp 100\n"
+	           "  rt bench --backend reference --sweep threads\n"
+	           "  rt bench --sweep spheres --size 400x225 --spp 16 --json spheres.json");
+	RT_TRY_ASSIGN(const auto text, parse(app, std::move(arguments)));
+	if (text)
+		return CommandLine(*text);
+	RT_TRY(check_no_empty_value(app));
+	RT_TRY(check_image(raw, options.render));
+	RT_TRY(check_rest(raw, options.render));
+	if (!repeats.empty()) {
+		RT_TRY_ASSIGN(options.repeats, parse_number("--repeats", repeats, {1, 1000}));
+	}
+	if (!limit.empty()) {
+		RT_TRY_ASSIGN(options.limit_seconds, parse_number("--limit", limit, {1, 86400}));
+	}
+	RT_TRY_ASSIGN(options.sweep, parse_word<Sweep>("--sweep", sweep,
+	                                               {{sweep_name(Sweep::None), Sweep::None},
+	                                                {sweep_name(Sweep::Pixels), Sweep::Pixels},
+	                                                {sweep_name(Sweep::Samples), Sweep::Samples},
+	                                                {sweep_name(Sweep::Spheres), Sweep::Spheres},
+	                                                {sweep_name(Sweep::Depth), Sweep::Depth},
+	                                                {sweep_name(Sweep::Threads), Sweep::Threads}}));
+	return CommandLine(std::move(options));
+}
+
 } // namespace
+
+const char* sweep_name(Sweep sweep)
+{
+	switch (sweep) {
+	case Sweep::None:
+		return "none";
+	case Sweep::Pixels:
+		return "pixels";
+	case Sweep::Samples:
+		return "samples";
+	case Sweep::Spheres:
+		return "spheres";
+	case Sweep::Depth:
+		return "depth";
+	case Sweep::Threads:
+		return "threads";
+	}
+	return "";
+}
 
 RenderSettings RenderOptions::settings_over(const RenderSettings& scene_settings) const
 {
@@ -728,6 +813,8 @@ Result<CommandLine> parse_command_line(int argc, const char* const* argv)
 		return parse_verify(rest());
 	if (command == "trace")
 		return parse_trace(rest());
+	if (command == "bench")
+		return parse_bench(rest());
 	if (command == "help")
 		return parse_render({"--help"}, false);
 	return parse_render(std::move(arguments), false);

@@ -58,6 +58,7 @@ struct DevicesOptions {
 
 struct InfoOptions {
 	std::string scene;
+	std::string spheres; // file for the spheres themselves, or empty
 	bool json = false;
 };
 
@@ -92,13 +93,26 @@ struct TraceOptions {
 	std::string json;                    // file for the trace
 };
 
+// What `rt bench --sweep` varies.
+enum class Sweep { None, Pixels, Samples, Spheres, Depth, Threads };
+const char* sweep_name(Sweep sweep);
+
+struct BenchOptions {
+	RenderOptions render; // of it: scene, size, samples, seed, depth, and everything of the device
+	std::uint32_t repeats = 5;
+	Sweep sweep = Sweep::None;
+	std::uint32_t limit_seconds = 20; // a sweep's render that would take longer is left out
+	std::string json;                 // file, "-", or empty
+	bool quiet = false;
+};
+
 // --help and --version: text for standard output, and nothing else to do.
 struct TextRequest {
 	std::string text;
 };
 
-using CommandLine = std::variant<RenderOptions, DevicesOptions, InfoOptions, CompareOptions, ReproduceOptions,
-                                 VerifyOptions, TraceOptions, TextRequest>;
+using CommandLine = std::variant<RenderOptions, DevicesOptions, InfoOptions, BenchOptions, CompareOptions,
+                                 ReproduceOptions, VerifyOptions, TraceOptions, TextRequest>;
 
 Result<CommandLine> parse_command_line(int argc, const char* const* argv);
 

@@ -2,6 +2,7 @@
 //
 // Each command returns a Status; its error is printed once, here, and its kind is the exit status.
 #include "support/float_environment.h"
+#include "tools/command_bench.h"
 #include "tools/command_compare.h"
 #include "tools/command_devices.h"
 #include "tools/command_info.h"
@@ -25,6 +26,7 @@ rt::Status run_command(const rt::DevicesOptions& options) { return rt::run_devic
 
 rt::Status run_command(const rt::InfoOptions& options) { return rt::run_info(options); }
 
+rt::Status run_command(const rt::BenchOptions& options) { return rt::run_bench(options); }
 rt::Status run_command(const rt::VerifyOptions& options) { return rt::run_verify(options); }
 rt::Status run_command(const rt::TraceOptions& options) { return rt::run_trace(options); }
 

@@ -48,7 +48,10 @@ constexpr int cu_attribute_compute_mode = 20;
 constexpr int cu_attribute_compute_capability_major = 75;
 constexpr int cu_attribute_compute_capability_minor = 76;
 constexpr int cu_compute_mode_prohibited = 2;
+constexpr int cu_attribute_max_threads_per_multiprocessor = 39;
 constexpr int cu_function_max_threads_per_block = 0;
+constexpr int cu_function_local_size_bytes = 3;
+constexpr int cu_function_registers = 4;
 constexpr int cu_jit_info_log_buffer = 3;
 constexpr int cu_jit_info_log_buffer_size = 4;
 constexpr int cu_jit_error_log_buffer = 5;
@@ -88,12 +91,14 @@ constexpr unsigned cu_stream_non_blocking = 1;
 	   unsigned group_z, unsigned shared_bytes, CuStream stream, void** parameters, void** extra))
 
 // nullptr in drivers that lack them. The first two have a newer and an older form of the same signature.
-#define RT_CUDA_OPTIONAL(X)                                 \
-	X(cuDevicePrimaryCtxRelease_v2, (CuDevice device))      \
-	X(cuDevicePrimaryCtxRelease, (CuDevice device))         \
-	X(cuDeviceGetUuid_v2, (CuUuid * uuid, CuDevice device)) \
-	X(cuDeviceGetUuid, (CuUuid * uuid, CuDevice device))    \
-	X(cuFuncGetParamInfo, (CuFunction function, std::size_t index, std::size_t * offset, std::size_t * bytes))
+#define RT_CUDA_OPTIONAL(X)                                                                                    \
+	X(cuDevicePrimaryCtxRelease_v2, (CuDevice device))                                                         \
+	X(cuDevicePrimaryCtxRelease, (CuDevice device))                                                            \
+	X(cuDeviceGetUuid_v2, (CuUuid * uuid, CuDevice device))                                                    \
+	X(cuDeviceGetUuid, (CuUuid * uuid, CuDevice device))                                                       \
+	X(cuFuncGetParamInfo, (CuFunction function, std::size_t index, std::size_t * offset, std::size_t * bytes)) \
+	X(cuOccupancyMaxActiveBlocksPerMultiprocessor,                                                             \
+	  (int* blocks, CuFunction function, int group_size, std::size_t shared_bytes))
 
 class CudaApi {
 public:

@@ -70,6 +70,7 @@ public:
 		return staging_;
 	}
 
+	CuDevice device() const { return device_; }
 	Status make_current() const { return check(api_.cuCtxSetCurrent(context_), "cuCtxSetCurrent"); }
 	Status synchronize() const { return check(api_.cuStreamSynchronize(stream_), "cuStreamSynchronize"); }
 	Status check(CuResult result, const char* call) const
@@ -208,6 +209,7 @@ public:
 				kernel.parameter_bytes.push_back(bytes);
 			kernel.parameters_known = true;
 		}
+		report_.kernels.push_back(use_of(entry, kernel));
 		return &kernels_.emplace(entry, std::move(kernel)).first->second;
 	}
 
@@ -215,9 +217,32 @@ public:
 	const CudaContext* context() const { return context_.get(); }
 
 private:
+	// Told to users and relied on by nobody, so what the driver does not say is left out.
+	KernelUse use_of(const std::string& entry, const CudaKernel& kernel) const
+	{
+		const CudaApi& api = context_->api();
+		KernelUse use;
+		use.entry = entry;
+		use.group_size = std::min(default_group_size, kernel.max_group_size);
+		int value = 0, threads = 0;
+		if (api.cuFuncGetAttribute(&value, cu_function_registers, kernel.function) == cu_success)
+			use.registers = static_cast<std::uint32_t>(value);
+		if (api.cuFuncGetAttribute(&value, cu_function_local_size_bytes, kernel.function) == cu_success)
+			use.private_bytes = static_cast<std::uint32_t>(value);
+		if (api.cuOccupancyMaxActiveBlocksPerMultiprocessor &&
+		    api.cuOccupancyMaxActiveBlocksPerMultiprocessor(&value, kernel.function, static_cast<int>(use.group_size),
+		                                                    0) == cu_success &&
+		    api.cuDeviceGetAttribute(&threads, cu_attribute_max_threads_per_multiprocessor, context_->device()) ==
+		        cu_success &&
+		    threads > 0)
+			use.occupancy = static_cast<double>(value) * use.group_size / threads;
+		return use;
+	}
+
 	void unload()
 	{
 		kernels_.clear();
+		report_.kernels.clear();
 		if (module_ && context_->make_current() && context_->synchronize())
 			context_->api().cuModuleUnload(module_);
 		module_ = nullptr;

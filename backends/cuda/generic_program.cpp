@@ -34,6 +34,7 @@ std::vector<ProgramSpec> generic_programs()
 	for (const char* root : {"kernels/render.cl", "kernels/probe.cl"})
 		for (const char* native_roots : {"0", "1"})
 			specs.push_back(ProgramSpec{root, {{"RT_DEF_NATIVE_ROOTS", native_roots}}, {}});
+	specs.push_back(ProgramSpec{"kernels/peak.cl", {}, {}});
 	return specs;
 }
 

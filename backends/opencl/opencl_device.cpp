@@ -390,6 +390,7 @@ private:
 				error.log = program->editable_report().log;
 				return error;
 			}
+		fill_use(*program, entries);
 		return program;
 	}
 
@@ -412,6 +413,7 @@ private:
 			if (!program->kernel(entry))
 				return nullptr;
 		fill_report(*program, text, options);
+		fill_use(*program, entries);
 		program->editable_report().from_cache = true;
 		return program;
 	}
@@ -429,6 +431,24 @@ private:
 		    api_.GetProgramInfo(program.program(), CL_PROGRAM_BINARIES, sizeof start, &start, nullptr) != CL_SUCCESS)
 			return {};
 		return binary;
+	}
+
+	// OpenCL tells neither registers nor occupancy; private memory says whether a kernel spills.
+	void fill_use(OpenClProgram& program, const std::vector<std::string>& entries) const
+	{
+		for (const std::string& entry : entries) {
+			const Result<cl_kernel> kernel = program.kernel(entry);
+			if (!kernel)
+				continue;
+			KernelUse use;
+			use.entry = entry;
+			use.group_size = static_cast<std::uint32_t>(group_of(*kernel, 0));
+			cl_ulong bytes = 0;
+			if (api_.GetKernelWorkGroupInfo(*kernel, context_->device, CL_KERNEL_PRIVATE_MEM_SIZE, sizeof bytes, &bytes,
+			                                nullptr) == CL_SUCCESS)
+				use.private_bytes = static_cast<std::uint32_t>(bytes);
+			program.editable_report().kernels.push_back(std::move(use));
+		}
 	}
 
 	void fill_report(OpenClProgram& program, const std::string& text, const std::string& options) const

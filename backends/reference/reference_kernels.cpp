@@ -13,6 +13,7 @@ thread_local unsigned rt_host_global_id = 0;
 #elif RT_PRECISION == 2 /* the probe asks about float32 */
 #include "kernels/render.cl"
 #else
+#include "kernels/peak.cl"
 #include "kernels/probe.cl" // includes kernels/render.cl
 #endif
 
@@ -65,6 +66,7 @@ constexpr ReferenceKernel kernels[] = {
     entry<rt_render>("rt_render"), entry<rt_identify>("rt_identify"),
 #if RT_PRECISION != RT_PRECISION_DOUBLE && !RT_TRACED
     entry<rt_probe>("rt_probe"),   entry<rt_probe_layout>("rt_probe_layout"),
+    entry<rt_peak_fma>("rt_peak_fma"), entry<rt_peak_integer>("rt_peak_integer"),
 #endif
 };
 

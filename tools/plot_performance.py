@@ -1,0 +1,406 @@
+#!/usr/bin/env python3
+"""Makes docs/performance.md and its plots from the results in docs/performance.json.
+
+    tools/plot_performance.py --add FILE...    takes up results of `rt bench --json`, with or without --sweep, and of
+                                               `tools/bench_peers --json`, in the place of older ones of the same
+                                               device and kind; then makes page and plots
+    tools/plot_performance.py                  makes page and plots
+    tools/plot_performance.py --check          is the page what the results say? (without plots, so no matplotlib)
+
+Needs matplotlib for the plots.
+"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+RESULTS = ROOT / "docs/performance.json"
+PAGE = ROOT / "docs/performance.md"
+IMAGES = ROOT / "docs/images"
+
+SWEEPS = {
+    "pixels": "pixels of the image",
+    "samples": "samples a pixel",
+    "spheres": "spheres of a cloud",
+    "depth": "most scatterings of a path",
+    "threads": "threads",
+}
+# Of each measurement only what the page needs, so that the file stays small.
+POINT_KEYS = ("x", "scene", "spheres", "width", "height", "samples", "max_depth", "load_seconds", "pack_seconds",
+              "bvh_seconds", "render_seconds", "segments_rendered", "segments_per_second", "bvh", "film_hash")
+BENCH_KEYS = ("scene", "spheres", "width", "height", "samples", "max_depth", "load_seconds", "pack_seconds", "first",
+              "phases", "render_seconds", "samples_per_second", "segments_per_second", "segments_rendered", "launches",
+              "lanes", "bvh", "build", "model", "peak", "film_hash", "seconds")
+FACTS = ("version", "revision", "contract", "date", "threads", "repeats")
+
+
+# ---- results --------------------------------------------------------------------------------------------------------
+
+
+def load_results():
+    if not RESULTS.exists():
+        return {"peers": [], "sweeps": [], "benches": []}
+    return json.loads(RESULTS.read_text())
+
+
+def device_of(document):
+    return {key: document["device"][key] for key in ("backend", "name", "driver", "compute_units")}
+
+
+def picked(document, keys):
+    return {key: document[key] for key in keys if key in document}
+
+
+def add(results, document, path):
+    """Puts a result in, in the place of an older one of its kind."""
+    if "cases" in document:
+        for case in document["cases"]:
+            entry = {**{key: document[key] for key in ("date", "host", "processors", "load")}, **case}
+            rt = [row for row in case["rows"] if row["peer"].startswith("rt ") and "device" in row]
+            entry["device"] = rt[0]["device"] if rt else ""
+            # A run without rt says nothing of its device: it gives way to any other.
+            results["peers"] = [other for other in results["peers"] if other["device"] or other["case"] != case["case"]]
+            replace(results["peers"], entry, lambda other: (other["case"], other["device"]))
+    elif "sweep" in document:
+        sweep = dict(document["sweep"])
+        sweep["points"] = [picked({**point, "bvh_seconds": point["phases"]["bvh"]["min"]}, POINT_KEYS)
+                           for point in sweep["points"]]
+        entry = {**picked(document, FACTS), "device": device_of(document), **sweep}
+        replace(results["sweeps"], entry, lambda other: (other["of"], other["device"]["backend"],
+                                                         other["device"]["name"]))
+    elif "phases" in document:
+        entry = {**picked(document, FACTS), "device": device_of(document), **picked(document, BENCH_KEYS)}
+        entry["build"] = picked(entry["build"], ("from_cache", "embedded", "variant", "kernels"))
+        replace(results["benches"], entry,
+                lambda other: (other["scene"], other["width"], other["device"]["backend"], other["device"]["name"]))
+    else:
+        sys.exit(f"plot_performance: {path} is no result of rt bench or of tools/bench_peers")
+
+
+def replace(entries, entry, key):
+    entries[:] = [other for other in entries if key(other) != key(entry)] + [entry]
+    entries.sort(key=lambda other: tuple(map(str, key(other))))
+
+
+# ---- targets --------------------------------------------------------------------------------------------------------
+
+
+class Unknown(Exception):
+    """Why a target cannot be judged from the results."""
+
+
+def rows_of(results, case, own, device=None):
+    for entry in results["peers"]:
+        rows = {row["peer"]: row for row in entry["rows"] if "skipped" not in row}
+        if entry["case"] == case and own in rows:
+            return rows, entry
+    raise Unknown("not measured")
+
+
+def fastest(rows, peers):
+    known = [rows[peer] for peer in peers if peer in rows]
+    if not known:
+        raise Unknown("the peer was not measured")
+    return min(known, key=lambda row: row["seconds"])
+
+
+def cpu_row(rows):
+    """rt on a processor: the fastest of what was measured."""
+    return fastest(rows, [peer for peer in rows if peer.startswith("rt ")])
+
+
+def is_gpu(entry):
+    return any(row["peer"] == "rt cuda" and "skipped" not in row for row in entry["rows"])
+
+
+def against(case, peers, own="rt cuda"):
+    """How many times the fastest of these peers' time is rt's, on the device that `own` names."""
+    def figure(results):
+        for entry in results["peers"]:
+            rows = {row["peer"]: row for row in entry["rows"] if "skipped" not in row}
+            if entry["case"] != case or is_gpu(entry) != (own == "rt cuda"):
+                continue
+            mine = rows.get("rt cuda") if own == "rt cuda" else cpu_row(rows)
+            if mine:
+                return fastest(rows, peers)["seconds"] / mine["seconds"]
+        raise Unknown("not measured")
+    return figure
+
+
+def opencl_against_cuda(results):
+    ratios = []
+    for entry in results["peers"]:
+        rows = {row["peer"]: row for row in entry["rows"] if "skipped" not in row}
+        if "rt cuda" in rows and "rt opencl" in rows:
+            ratios.append(rows["rt opencl"]["seconds"] / rows["rt cuda"]["seconds"])
+    if not ratios:
+        raise Unknown("not measured")
+    return max(ratios)
+
+
+def error_time(case):
+    """How many times the best peer's error x time is rt's, on a processor."""
+    def figure(results):
+        for entry in results["peers"]:
+            rows = [row for row in entry["rows"] if "error_time" in row]
+            mine = [row["error_time"] for row in rows if row["peer"].startswith("rt ")]
+            others = [row["error_time"] for row in rows if not row["peer"].startswith("rt ")]
+            if entry["case"] == case and not is_gpu(entry) and mine and others:
+                return min(others) / min(mine)
+        raise Unknown("not measured")
+    return figure
+
+
+def sweep_points(results, backends):
+    for sweep in results["sweeps"]:
+        if sweep["of"] == "spheres" and sweep["device"]["backend"] in backends:
+            return {point["x"]: point for point in sweep["points"]}
+    raise Unknown("not measured")
+
+
+def million_against_thousand(results):
+    points = sweep_points(results, ("cuda",))
+    if 1e6 not in points:
+        raise Unknown("a million spheres were not measured")
+    return points[1e6]["render_seconds"]["min"] / points[1e3]["render_seconds"]["min"]
+
+
+def million_tree(results):
+    for backends in (("opencl", "reference"), ("cuda",)):
+        try:
+            points = sweep_points(results, backends)
+        except Unknown:
+            continue
+        if 1e6 in points:
+            return points[1e6]["bvh_seconds"]
+    raise Unknown("a million spheres were not measured")
+
+
+def unmeasured(why):
+    def figure(_):
+        raise Unknown(why)
+    return figure
+
+
+CUDA = ["Mitsuba cuda_ad_rgb", "Mitsuba cuda_ad_rgb, roulette"]
+LLVM = ["Mitsuba llvm_ad_rgb", "Mitsuba llvm_ad_rgb, roulette"]
+SMALL, LARGE = "three-spheres:640x360:32", "three-spheres:1920x1080:128"
+WEEKEND, LARGE_WEEKEND = "weekend:400x225:16", "weekend:1200x675:100"
+# What is promised, the bound, whether it is a floor or a ceiling, and how it is computed.
+TARGETS = [
+    (f"`{LARGE}`, CUDA, against the seed's program", 32, "at least", against(LARGE, ["seed's program"])),
+    (f"`{LARGE}`, CUDA, against Mitsuba cuda", 60, "at least", against(LARGE, CUDA)),
+    ("NVIDIA's OpenCL, time against CUDA, worst case", 1.05, "at most", opencl_against_cuda),
+    (f"`{LARGE_WEEKEND}`, CUDA, against Mitsuba cuda", 8, "at least", against(LARGE_WEEKEND, CUDA)),
+    ("`cloud-1000000:400x225:16`, CUDA, against Mitsuba cuda", 3, "at least",
+     against("cloud-1000000:400x225:16", CUDA)),
+    ("time of 10^6 spheres against 10^3, CUDA", 6, "at most", million_against_thousand),
+    (f"`{SMALL}`, processor, against Mitsuba llvm", 8, "at least", against(SMALL, LLVM, "processor")),
+    (f"`{SMALL}`, processor, against the book on one thread", 15, "at least",
+     against(SMALL, ["book 1, one thread"], "processor")),
+    (f"`{WEEKEND}`, processor, against Mitsuba llvm", 3, "at least", against(WEEKEND, LLVM, "processor")),
+    (f"`{SMALL}`, processor, error x time of the best peer", 10, "at least", error_time(SMALL)),
+    (f"`{WEEKEND}`, processor, error x time of the best peer", 10, "at least", error_time(WEEKEND)),
+    ("seconds to build the tree of 10^6 spheres", 1, "at most", million_tree),
+    ("clouds against Cycles' point cloud", 2, "at least", unmeasured("no Cycles among the peers that are run")),
+    ("time of exact over fast", 1.25, "at most", unmeasured("there is no fast rung in these results")),
+]
+
+
+def verdicts(results):
+    lines = ["| what | target | measured | |", "|---|---|---|---|"]
+    for what, bound, sense, figure in TARGETS:
+        try:
+            value = figure(results)
+            reached = value >= bound if sense == "at least" else value <= bound
+            told, verdict = f"{value:.3g}", "reached" if reached else "**missed**"
+        except Unknown as reason:
+            told, verdict = str(reason), ""
+        lines.append(f"| {what} | {sense} {bound} | {told} | {verdict} |")
+    return lines
+
+
+# ---- the page -------------------------------------------------------------------------------------------------------
+
+
+def time_text(seconds):
+    if seconds is None:
+        return ""
+    if seconds < 0.0995:
+        return f"{seconds * 1e3:.3g} ms"
+    return f"{seconds:.3g} s"
+
+
+def count_text(value):
+    for size, letter in ((1e12, " T"), (1e9, " G"), (1e6, " M"), (1e3, " k")):
+        if value >= size:
+            return f"{value / size:.3g}{letter}"
+    return f"{value:.3g}"
+
+
+def device_text(device):
+    return f"{device['name']} ({device['backend']})"
+
+
+def peers_text(entry):
+    rt = next((row for row in entry["rows"] if "device" in row), None)
+    lines = [f"### {entry['case']}", ""]
+    facts = [entry["date"][:10], f"{entry['processors']} processors", f"load average {entry['load']:.0f} at the end"]
+    if rt:
+        facts = [rt["device"], f"driver {rt['driver']}", f"rt {rt['version']}"] + facts
+    lines += ["; ".join(facts) + ".", ""]
+    with_error = any("mse" in row for row in entry["rows"])
+    lines.append("| | time | times rt's | first render | load |" + (" MSE | MSE x time, times rt's |"
+                                                                    if with_error else ""))
+    lines.append("|---|---|---|---|---|" + ("---|---|" if with_error else ""))
+    skipped = []
+    for row in entry["rows"]:
+        if "skipped" in row:
+            skipped.append(f"{row['peer']} ({row['skipped']})")
+            continue
+        ratio = f"{row['ratio']:.2f}" if "ratio" in row else ""
+        line = (f"| {row['peer']} | {time_text(row['seconds'])} | {ratio} | {time_text(row.get('first_seconds'))} | "
+                f"{time_text(row.get('load_seconds'))} |")
+        if with_error:
+            mse = f"{row['mse']:.2e}" if "mse" in row else ""
+            product = f"{row['error_time_ratio']:.2f}" if "error_time_ratio" in row else ""
+            line += f" {mse} | {product} |"
+        lines.append(line)
+    if skipped:
+        lines += ["", "Not measured: " + "; ".join(skipped) + "."]
+    return lines + [""]
+
+
+def sweep_text(results, of):
+    sweeps = [sweep for sweep in results["sweeps"] if sweep["of"] == of]
+    if not sweeps:
+        return []
+    lines = [f"### {of.capitalize()}", "", f"![time against {SWEEPS[of]}](images/scaling-{of}.svg)", "",
+             "| device | scene | from | to | exponent | upper half | date | |", "|---|---|---|---|---|---|---|---|"]
+    for sweep in sweeps:
+        points = sweep["points"]
+        first, last = points[0], points[-1]
+        scene = "cloud-N" if of == "spheres" else f"{first['scene']}"
+        number = lambda key: f"{sweep[key]:.2f}" if sweep[key] is not None else ""
+        ends = [f"{count_text(point['x'])}: {time_text(point['render_seconds']['min'])}" for point in (first, last)]
+        lines.append(f"| {device_text(sweep['device'])} | {scene}, {last['width']}x{last['height']}, "
+                     f"{last['samples']} a pixel | {ends[0]} | {ends[1]} | {number('exponent')} | "
+                     f"{number('upper_exponent')} | {sweep['date'][:10]} | {sweep['left_out']} |")
+    return lines + [""]
+
+
+def bench_text(entry):
+    phases, first = entry["phases"], entry["first"]
+    lines = [f"### {entry['scene']} on {device_text(entry['device'])}", "",
+             f"{entry['width']}x{entry['height']}, {entry['samples']} samples a pixel, {entry['spheres']} spheres; "
+             f"driver {entry['device']['driver']}; {entry['date'][:10]}, rt {entry['version']} {entry['revision']}, "
+             f"{entry['repeats']} repeats.", "", "| part | first | min | median | max |", "|---|---|---|---|---|"]
+    names = {"bvh": "build tree", "build": "build kernel", "read_back": "read back", "rest": "rest of the session", "encode": "encode PNG",
+             "total": "render and encode"}
+    lines += [f"| load scene | {time_text(entry['load_seconds'])} | | | |",
+              f"| pack scene | {time_text(entry['pack_seconds'])} | | | |"]
+    for phase, spread in phases.items():
+        lines.append(f"| {names.get(phase, phase)} | {time_text(first[phase])} | "
+                     + " | ".join(time_text(spread[key]) for key in ("min", "median", "max")) + " |")
+    for key, name in (("samples_per_second", "samples/s"), ("segments_per_second", "rays/s")):
+        lines.append(f"| {name} | | " + " | ".join(count_text(entry[key][end]) for end in ("min", "median", "max"))
+                     + " |")
+    peak, model = entry["peak"], entry["model"]
+    kernels = "; ".join(
+        f"{kernel['entry']}: {kernel['registers']} registers, occupancy {100 * kernel['occupancy']:.0f} %"
+        for kernel in entry["build"]["kernels"] if kernel.get("registers") and kernel.get("occupancy"))
+    share = f"; sphere tests {100 * model['share_of_fma_peak']:.1f} % of the former" if model else ""
+    lines += ["", f"{entry['launches']} launches, {entry['lanes']} lanes{', a tree' if entry['bvh'] else ''}. Peak "
+              f"{count_text(peak['fma_per_second'])} fma/s, {count_text(peak['integer_per_second'])} integer "
+              f"multiply-adds/s{share}. {kernels}".rstrip(), ""]
+    return lines
+
+
+def page(results):
+    lines = ["# Performance", "",
+             "<!-- Made by tools/plot_performance.py from docs/performance.json; do not edit. -->", "",
+             "How fast rt is, against other path tracers on the same scenes, and how time grows with what a render is",
+             "made of. Figures are of the devices and days that they name; machines that are shared are noisy, so only",
+             "ratios of one run count, and a load average above the number of processors says that even these are rough.",
+             "Speed is not promised (README.md); bits are, and nothing here can change one.",
+             "", "## Measuring", "",
+             "    rt bench weekend --size 1200x675 --spp 100 --json weekend.json",
+             "    rt bench --sweep spheres --size 400x225 --spp 16 --json spheres.json",
+             "    tools/bench_peers --mitsuba PYTHON --book DIR --error 16 --json cpu.json",
+             "    tools/bench_peers --set gpu --backends cuda,opencl --mitsuba PYTHON --seed DIR --rogerallen DIR "
+             "--json gpu.json",
+             "    tools/plot_performance.py --add weekend.json spheres.json cpu.json gpu.json", "",
+             "The last command puts results into docs/performance.json and makes this page and its plots anew.",
+             "`tools/count_instructions` is the part that CI runs: instructions of small renders, which do not depend",
+             "on what else a machine does.", "", "## Targets", "", *verdicts(results), ""]
+    if results["peers"]:
+        lines += ["## Peers", "",
+                  "Times are the least of some repeats, from a loaded scene to the film on the host. *First render* has",
+                  "compilation in it. *MSE* is against the same program's own image of many more samples and another",
+                  "seed; rt and the book have no Russian roulette, Mitsuba is measured without and with it. Mitsuba has",
+                  "no fuzzy metal, and is given rough conductors. The book's second volume has a sky of one colour.", ""]
+        for entry in results["peers"]:
+            lines += peers_text(entry)
+    if results["sweeps"]:
+        lines += ["## Scaling", "",
+                  "Least of the repeats, launches and reading back; exponents of time by least squares on logarithms,",
+                  "over all points and over the upper half of them.", ""]
+        for of in SWEEPS:
+            lines += sweep_text(results, of)
+    if results["benches"]:
+        lines += ["## Part by part", "",
+                  "The share of the peak counts 17 operations (9 of them fma) for each test of a ray against a sphere,",
+                  "and nothing for all the rest: it is a lower bound, and the same for every program.", ""]
+        for entry in results["benches"]:
+            lines += bench_text(entry)
+    while lines[-1] == "":
+        lines.pop()
+    return "\n".join(lines) + "\n"
+
+
+def plot(results):
+    import matplotlib
+    matplotlib.use("Agg")
+    matplotlib.rcParams.update({"svg.hashsalt": "rt", "svg.fonttype": "none", "font.size": 9})
+    from matplotlib import pyplot
+    for of, label in SWEEPS.items():
+        path = IMAGES / f"scaling-{of}.svg"
+        sweeps = [sweep for sweep in results["sweeps"] if sweep["of"] == of]
+        if not sweeps:
+            path.unlink(missing_ok=True)
+            continue
+        figure, axes = pyplot.subplots(figsize=(5, 3.2), layout="constrained")
+        for sweep, marker in zip(sweeps, "osD^v<>*" * 4):
+            xs = [point["x"] for point in sweep["points"]]
+            ys = [point["render_seconds"]["min"] for point in sweep["points"]]
+            exponent = f", exponent {sweep['upper_exponent']:.2f}" if sweep["upper_exponent"] is not None else ""
+            axes.loglog(xs, ys, marker=marker, markersize=4, linewidth=1, label=device_text(sweep["device"]) + exponent)
+        axes.set_xlabel(label)
+        axes.set_ylabel("seconds")
+        axes.grid(True, which="major", linewidth=0.3)
+        axes.legend(fontsize=7, frameon=False)
+        figure.savefig(path, metadata={"Date": None})
+        pyplot.close(figure)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--add", nargs="+", default=[], metavar="FILE", help="results to take up")
+    parser.add_argument("--check", action="store_true", help="only compare the page with the results")
+    options = parser.parse_args()
+    results = load_results()
+    if options.check:
+        if PAGE.read_text() != page(results):
+            sys.exit("plot_performance: docs/performance.md is not what docs/performance.json says: run "
+                     "tools/plot_performance.py")
+        return
+    for path in options.add:
+        add(results, json.loads(Path(path).read_text()), path)
+    RESULTS.write_text(json.dumps(results, indent="\t") + "\n")
+    PAGE.write_text(page(results))
+    plot(results)
+
+
+main()

@@ -3,6 +3,9 @@
 #include "backends/cuda/cuda_backend.h"
 #include "backends/opencl/opencl_backend.h"
 #include "backends/reference/reference_backend.h"
+#ifdef RT_WITH_NAIVE_PORT
+#include "examples/naive_port/naive_backend.h"
+#endif
 
 #include <fmt/format.h>
 
@@ -16,7 +19,14 @@ namespace rt {
 
 const std::vector<Backend*>& backends()
 {
-	static const std::vector<Backend*> list = {&cuda_backend(), &opencl_backend(), &reference_backend()};
+	static const std::vector<Backend*> list = {
+	    &cuda_backend(),
+	    &opencl_backend(),
+	    &reference_backend(),
+#ifdef RT_WITH_NAIVE_PORT // in examples/naive_port's programs only
+	    &naive_backend(),
+#endif
+	};
 	return list;
 }
 

@@ -515,12 +515,14 @@ private:
 	{
 		TraceSite site;
 		site.code.kind = kind;
-		// A selection's first operand is its condition, a call's may be of any kind.
+		// A selection's first operand is its condition, a call's may be of several kinds.
 		const Value& typical = kind == TraceKind::Select || operands.empty() ? result : operands[0];
-		const bool mixed = kind == TraceKind::Call || kind == TraceKind::MoreArguments;
+		const bool is_call = kind == TraceKind::Call || kind == TraceKind::MoreArguments;
+		const auto is_other = [&typical](const Value& operand) { return operand.type.kind != typical.type.kind; };
+		const bool mixed = is_call && (operands.empty() || std::any_of(operands.begin(), operands.end(), is_other));
 		site.code.operand = mixed ? Type::Unknown : typical.type.kind;
 		for (const Value& operand : operands)
-			if (operand.type.kind == Type::Real && !mixed && kind != TraceKind::Load)
+			if (operand.type.kind == Type::Real && !is_call && kind != TraceKind::Load)
 				site.code.operand = Type::Real;
 		site.code.result = result.type.kind;
 		site.code.file = file_number_;

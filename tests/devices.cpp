@@ -2,6 +2,7 @@
 
 #include "tests/catch.h"
 
+#include <algorithm>
 #include <cstdlib>
 #include <sstream>
 
@@ -42,7 +43,8 @@ std::vector<TestDevice> open_devices()
 	if (const char* required = std::getenv("RT_REQUIRE")) {
 		std::istringstream list(required);
 		for (std::string backend; std::getline(list, backend, ',');) {
-			if (backend != "cuda" && backend != "opencl" && backend != "reference")
+			const std::vector<Backend*>& known = backends();
+			if (std::none_of(known.begin(), known.end(), [&](const Backend* one) { return backend == one->name(); }))
 				continue; // other tests' words
 			bool there = false;
 			for (const TestDevice& device : devices)

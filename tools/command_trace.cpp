@@ -49,14 +49,16 @@ std::string hex(std::uint64_t bits, Type type)
 	return type == Type::Long || type == Type::Ulong ? fmt::format("{:016x}", bits) : fmt::format("{:08x}", bits);
 }
 
-std::string both(std::uint64_t bits, Type type) { return fmt::format("{} ({})", hex(bits, type), decimal(bits, type)); }
+// Arguments of several types are told in hex alone.
+std::string both(std::uint64_t bits, Type type)
+{
+	return type == Type::Unknown ? hex(bits, type) : fmt::format("{} ({})", hex(bits, type), decimal(bits, type));
+}
 
 Type operand_type(const TraceNote& note, std::size_t i)
 {
 	if (note.code.kind == TraceKind::Select)
 		return i == 0 ? Type::Int : note.code.result;
-	if (note.code.kind == TraceKind::Call || note.code.kind == TraceKind::MoreArguments)
-		return Type::Uint;
 	return note.code.operand;
 }
 

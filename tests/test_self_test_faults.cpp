@@ -115,7 +115,7 @@ std::vector<NamedFault> faults()
 	     {"an arithmetic shift",
 	      {{probe, "x = a_bits >> (b_bits & 31u);", "x = rt_to_uint(rt_to_int(a_bits) >> rt_to_int(b_bits & 31u));"}}}},
 	    {"random numbers",
-	     {"a wrong constant", {{"kernels/rng.h", "rt_uint y = sample * 1664525u", "rt_uint y = sample * 1664527u"}}}},
+	     {"a wrong constant", {{"kernels/rng.h", "v * 1664525u", "v * 1664527u"}}}},
 	    {"atan2", {"a swapped comparison", {{math, "rt_mask steep = ay > ax;", "rt_mask steep = ay < ax;"}}}},
 	};
 }

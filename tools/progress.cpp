@@ -60,14 +60,14 @@ std::string clock_text(double seconds)
 constexpr std::size_t min_bar = 8, max_bar = 40;
 
 // The line in at most `width` columns: parts that do not fit are left out, least important first.
-std::string bar_line(const Figures& figures, const std::string& title, const std::string& device, std::size_t width,
-                     bool colour)
+std::string bar_line(const Figures& figures, const std::string& title, const std::string& device,
+                     const std::string& unit, bool counts_pixels, std::size_t width, bool colour)
 {
 	const std::string percent = fmt::format("{:3}%", static_cast<int>(figures.fraction * 100));
 	std::string tail = " " + percent;
-	const std::string spp = fmt::format("  {}/{} spp", figures.spp_done, figures.spp_total);
+	const std::string spp = counts_pixels ? fmt::format("  {}/{} spp", figures.spp_done, figures.spp_total) : "";
 	const std::string left = fmt::format("  {} left", clock_text(figures.left));
-	const std::string rate = fmt::format("  {}samples/s", format_quantity(figures.rate));
+	const std::string rate = fmt::format("  {}{}/s", format_quantity(figures.rate), unit);
 	const std::string head = title.empty() ? "" : title + "  ";
 	const std::size_t frame = head.size() + 2; // the bar's brackets
 	for (const std::string& part : {spp, left, rate, "  " + device})
@@ -105,6 +105,13 @@ void ProgressDisplay::set_device(std::string device)
 	device_ = std::move(device);
 }
 
+void ProgressDisplay::set_unit(std::string unit)
+{
+	const std::lock_guard lock(mutex_);
+	unit_ = std::move(unit);
+	counts_pixels_ = false;
+}
+
 void ProgressDisplay::begin(std::string title, std::uint64_t pixels)
 {
 	const std::lock_guard lock(mutex_);
@@ -123,7 +130,7 @@ void ProgressDisplay::update(const Progress& progress, std::uint64_t before)
 		return;
 	case Style::Bar:
 		// One column stays free: some terminals wrap when the last one is written.
-		draw(bar_line(figures, title_, device_, terminal_width() - 1, colour_));
+		draw(bar_line(figures, title_, device_, unit_, counts_pixels_, terminal_width() - 1, colour_));
 		return;
 	case Style::Json: {
 		nlohmann::ordered_json line = {{"event", "progress"},
@@ -149,9 +156,9 @@ void ProgressDisplay::update(const Progress& progress, std::uint64_t before)
 			return;
 		last_tenth_ = tenth;
 		last_line_ = now;
-		print_message(fmt::format("rt: {}{}{}%, {}/{} spp, {}samples/s, {} left, {}\n", title_,
-		                          title_.empty() ? "" : ": ", static_cast<int>(figures.fraction * 100),
-		                          figures.spp_done, figures.spp_total, format_quantity(figures.rate),
+		const std::string spp = counts_pixels_ ? fmt::format("{}/{} spp, ", figures.spp_done, figures.spp_total) : "";
+		print_message(fmt::format("rt: {}{}{}%, {}{}{}/s, {} left, {}\n", title_, title_.empty() ? "" : ": ",
+		                          static_cast<int>(figures.fraction * 100), spp, format_quantity(figures.rate), unit_,
 		                          clock_text(figures.left), device_));
 		return;
 	}

@@ -26,6 +26,8 @@ public:
 	ProgressDisplay& operator=(const ProgressDisplay&) = delete;
 
 	void set_device(std::string device);
+	// What is counted, where it is not samples of pixels: "inputs".
+	void set_unit(std::string unit);
 	// A film of `pixels` is about to be rendered. `title` may be empty ("frame 3 of 10").
 	void begin(std::string title, std::uint64_t pixels);
 	// Samples of the whole film; `before` of them came from a resumed film and say nothing about the rate.
@@ -43,6 +45,8 @@ private:
 	bool colour_ = false;
 	bool drawn_ = false;
 	std::string device_, title_;
+	std::string unit_ = "samples";
+	bool counts_pixels_ = true;
 	std::uint64_t pixels_ = 1;
 	int last_tenth_ = -1;
 	std::chrono::steady_clock::time_point last_line_;

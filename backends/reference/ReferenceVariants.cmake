@@ -8,9 +8,10 @@ set(RT_REFERENCE_DECLARATIONS "")
 set(RT_REFERENCE_TABLE "")
 
 # After the instruction set: SOFTWARE_ROOTS, and CONTRACTED: the compiler may fuse, which tests use to show that it
-# finds nothing to fuse (rule 3); or one of FAST and DOUBLE, the rungs beside the exact one (common/rt_compat.h).
+# finds nothing to fuse (rule 3); or one of FAST and DOUBLE, the rungs beside the exact one (common/rt_compat.h); or
+# EXHAUST, kernels/exhaust.cl instead of a render's kernels.
 function(rt_reference_variant name lanes features instruction_set)
-  cmake_parse_arguments(PARSE_ARGV 4 variant "SOFTWARE_ROOTS;CONTRACTED;FAST;DOUBLE" "" "")
+  cmake_parse_arguments(PARSE_ARGV 4 variant "SOFTWARE_ROOTS;CONTRACTED;FAST;DOUBLE;EXHAUST" "" "")
   set(native_roots 1)
   if(variant_SOFTWARE_ROOTS)
     set(native_roots 0)
@@ -26,7 +27,11 @@ function(rt_reference_variant name lanes features instruction_set)
     set(precision 2)
   endif()
   set(target rt_reference_${name})
-  add_library(${target} OBJECT reference/reference_kernels.cpp)
+  set(source reference/reference_kernels.cpp)
+  if(variant_EXHAUST)
+    set(source reference/reference_exhaust.cpp)
+  endif()
+  add_library(${target} OBJECT ${source})
   target_include_directories(${target} PRIVATE "${PROJECT_SOURCE_DIR}")
   target_compile_definitions(${target} PRIVATE RT_VARIANT=${name} RT_LANES=${lanes} RT_FEATURES=${features}
                              RT_DEF_NATIVE_ROOTS=${native_roots} RT_DEF_CONTRACT=${contracted}
@@ -60,6 +65,8 @@ if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
   rt_reference_variant(generic_16_v4 16 0x1fffu 4)
   rt_reference_variant(fast_baseline 1 0x1fffu 0 FAST)
   rt_reference_variant(double_baseline 1 0x1fffu 0 DOUBLE)
+  rt_reference_variant(exhaust_baseline 1 0x1fffu 0 EXHAUST)
+  rt_reference_variant(exhaust_baseline_software_roots 1 0x1fffu 0 EXHAUST SOFTWARE_ROOTS)
 else()
   set(RT_FAST 0)
   set(RT_FAST_LANES 4)
@@ -73,6 +80,8 @@ foreach(lanes 1 ${RT_FAST_LANES})
   rt_reference_variant(fast_generic_${lanes} ${lanes} 0x1fffu ${RT_FAST} FAST)
 endforeach()
 rt_reference_variant(double_generic 1 0x1fffu ${RT_FAST} DOUBLE)
+rt_reference_variant(exhaust ${RT_FAST_LANES} 0x1fffu ${RT_FAST} EXHAUST)
+rt_reference_variant(exhaust_software_roots ${RT_FAST_LANES} 0x1fffu ${RT_FAST} EXHAUST SOFTWARE_ROOTS)
 # The feature masks that shipped scenes need.
 foreach(rung exact fast)
   set(prefix "")

@@ -36,6 +36,14 @@ private:
 	std::size_t bytes_;
 };
 
+const ReferenceKernel* find_kernel(const ReferenceVariant& variant, const std::string& entry)
+{
+	for (unsigned i = 0; i < variant.kernel_count; ++i)
+		if (entry == variant.kernels[i].entry)
+			return &variant.kernels[i];
+	return nullptr;
+}
+
 class HostProgram final : public Program {
 public:
 	HostProgram(const ReferenceVariant& variant, bool flushes, BuildReport report)
@@ -44,13 +52,7 @@ public:
 		report_ = std::move(report);
 	}
 	std::uint32_t lanes() const { return variant_.lanes; }
-	const ReferenceKernel* find(const std::string& entry) const
-	{
-		for (unsigned i = 0; i < variant_.kernel_count; ++i)
-			if (entry == variant_.kernels[i].entry)
-				return &variant_.kernels[i];
-		return nullptr;
-	}
+	const ReferenceKernel* find(const std::string& entry) const { return find_kernel(variant_, entry); }
 
 	bool flushes() const { return flushes_; }
 
@@ -87,7 +89,7 @@ struct Wanted {
 };
 
 // The variant with the fewest features that has all that are needed; the newest instruction set before the others.
-const ReferenceVariant* choose_variant(const Wanted& wanted)
+const ReferenceVariant* choose_variant(const Wanted& wanted, const std::vector<std::string>& entries)
 {
 	const unsigned instruction_set = host_instruction_set();
 	const ReferenceVariant* best = nullptr;
@@ -100,6 +102,9 @@ const ReferenceVariant* choose_variant(const Wanted& wanted)
 		    (wanted.features & ~variant.features) != 0 || variant.native_roots != wanted.native_roots ||
 		    variant.contracted != wanted.contracted || variant.precision != wanted.precision ||
 		    variant.instruction_set > instruction_set)
+			continue;
+		if (!std::all_of(entries.begin(), entries.end(),
+		                 [&](const std::string& entry) { return find_kernel(variant, entry); }))
 			continue;
 		if (!best || rank(variant) < rank(*best))
 			best = &variant;
@@ -152,7 +157,9 @@ public:
 			             spec.edits.front().file,
 			             "plant faults in a device that compiles the kernels' text",
 			             {}};
-		const ReferenceVariant* variant = choose_variant(wanted);
+		const ReferenceVariant* variant = choose_variant(wanted, spec.entries);
+		if (!variant)
+			variant = choose_variant(wanted, {}); // an unknown entry is told below
 		if (!variant)
 			return Error{ErrorKind::Build,
 			             fmt::format("no compiled variant of the kernels has {} lanes, features {:#x} and {} roots in "

@@ -1,10 +1,11 @@
 // first_divergence.h: where two devices first differ: image, pixel, sample, bounce, operation.
 //
 // The image is rendered on both in passes of 1, 3, 12, 48, ... samples until one differs, so that a fault that shows
-// everywhere is found after a few milliseconds. Each pass is several launches on one film, so that faults in the film's
-// own sums show too. Then one differing pixel is taken apart: the launch, the sample, and with traced programs
-// (render/trace.h) the operation. Nothing here trusts one device more than the other: of an operation that differs, the
-// contract's result is computed from its operands.
+// everywhere is found after a few milliseconds. After the first pass, if it is the same, some pixels are compared
+// operation by operation, for differences that rounding hides from the film. Each pass is several launches on one film,
+// so that faults in the film's own sums show too. Then one differing pixel is taken apart: the launch, the sample, and
+// with traced programs (render/trace.h) the operation. Nothing here trusts one device more than the other: of an
+// operation that differs, the contract's result is computed from its operands.
 #pragma once
 
 #include "render/trace_compare.h"

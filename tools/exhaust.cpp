@@ -252,7 +252,8 @@ private:
 			return success(); // the first run
 		try {
 			const Json state = Json::parse(bytes->begin(), bytes->end());
-			for (const auto& [key, value] : identity().items())
+			const Json mine = identity();
+			for (const auto& [key, value] : mine.items())
 				if (state.at(key) != value)
 					return Error{ErrorKind::Usage, "this state is of another device, driver or rt: " + key + " differs",
 					             wanted_.state, "remove the file or name another one", ""};

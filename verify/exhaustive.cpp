@@ -30,14 +30,13 @@ constexpr std::uint64_t max_failures = 1u << 16; // told one by one; more need n
 
 const std::vector<ExhaustiveFunction> functions = {
     {"root", "all 2^32 floats but infinity", ExhaustiveKind::Device, RT_EXHAUST_ROOT, 1ull << 32, false, true},
-    {"reciprocal", "all floats with 2^-100 <= |x| <= 2^100, divisors of all ones among them", ExhaustiveKind::Device,
-     RT_EXHAUST_RECIPROCAL, 1ull << 32, false, true},
+    {"reciprocal", "all floats of size 2^-100 to 2^100", ExhaustiveKind::Device, RT_EXHAUST_RECIPROCAL, 1ull << 32,
+     false, true},
     {"quotient", "pairs for a (1 / b), one divisor in four all ones", ExhaustiveKind::Device, RT_EXHAUST_QUOTIENT,
      1ull << 30, true, true},
     {"add", "pairs for a + b", ExhaustiveKind::Device, RT_EXHAUST_ADD, 1ull << 30, true, false},
     {"multiply", "pairs for a b", ExhaustiveKind::Device, RT_EXHAUST_MULTIPLY, 1ull << 30, true, false},
-    {"fma", "triples for a b + c, half of whose digits cancel", ExhaustiveKind::Device, RT_EXHAUST_FMA, 1ull << 30,
-     true, false},
+    {"fma", "triples for a b + c, c near -a b or a b", ExhaustiveKind::Device, RT_EXHAUST_FMA, 1ull << 30, true, false},
     {"sincos", "all u = k 2^-24 in [0, 1]", ExhaustiveKind::Device, RT_EXHAUST_SINCOS, (1ull << 24) + 1, false, false},
     {"atan2", "pairs, axes and diagonals among them", ExhaustiveKind::Device, RT_EXHAUST_ATAN2, 1ull << 26, true, true},
     {"film", "all floats in [0, 2] to integers of 2^-40", ExhaustiveKind::Device, RT_EXHAUST_FILM, (1ull << 30) + 1,
@@ -47,8 +46,7 @@ const std::vector<ExhaustiveFunction> functions = {
     {"to-float", "all 2^32 integers", ExhaustiveKind::Device, RT_EXHAUST_TO_FLOAT, 1ull << 32, false, false},
     {"display", "all floats in [0, 2] to 8 bits by each transfer", ExhaustiveKind::Display, 0, (1ull << 30) + 1, false,
      false},
-    {"seeds", "all mantissas from seeds 4 floats off and less, for our root and reciprocal", ExhaustiveKind::Seeds, 0,
-     9ull * 3 << 23, false, false},
+    {"seeds", "all mantissas, seeds up to 4 floats off", ExhaustiveKind::Seeds, 0, 9ull * 3 << 23, false, false},
     {"rehit", "rays that leave spheres of radius 2^-27 to 2^27", ExhaustiveKind::Rays, 0, 1000000000, true, true},
 };
 
@@ -308,7 +306,7 @@ Status ExhaustiveRun::advance_device(const ExhaustiveFunction& function, Exhaust
 	RT_TRY(device_->write(out, 0, got.data(), bytes)); // what a device leaves unwritten is wrong
 	RT_TRY(device_->launch(ours, "rt_exhaust", items_of(piece.blocks(), device_->info().native_lanes),
 	                       {out, function.operation, piece.first, piece.stride, piece.count, block_length}));
-	// Meanwhile, if the device has a clock of its own.
+	// Meanwhile, where the device is not this processor.
 	std::vector<std::uint32_t> hashes(piece.blocks());
 	Totals totals;
 	answers[function.operation].blocks(piece, hashes, totals);

@@ -25,7 +25,7 @@ std::string cure_for(int code)
 	switch (code) {
 	case ENOENT:
 	case ENOTDIR:
-		return "check the path; create the directory first";
+		return "check the path; for a new file, create its directory first";
 	case EACCES:
 	case EPERM:
 		return "choose a place where you may read and write, or change the permissions";

@@ -1,4 +1,4 @@
-// Are the images right? Closed forms, and an independent path tracer in double (tests/double_tracer.h).
+// Are the images right? Closed forms, and an independent path tracer in double (tests/textbook_tracer.h).
 //
 // All seeds are fixed. A statistical comparison says at its place how often a correct program would fail it if its
 // random numbers were drawn anew, and is shown to fail for a scene that is slightly wrong.
@@ -8,7 +8,7 @@
 #include "render/scene_file.h"
 #include "render/session.h"
 #include "tests/catch.h"
-#include "tests/double_tracer.h"
+#include "tests/textbook_tracer.h"
 #include "tests/statistics.h"
 
 #include <array>

@@ -116,6 +116,13 @@ private:
 
 } // namespace
 
+bool is_coarse(const Sphere& sphere, int digits)
+{
+	const Vec3d& c = sphere.center;
+	const double largest = std::max({std::fabs(c[0]), std::fabs(c[1]), std::fabs(c[2])});
+	return largest > 0 && std::ldexp(1.0, std::ilogb(largest) - digits + 1) > 1e-4 * std::fabs(sphere.radius);
+}
+
 double distance(const Vec3d& a, const Vec3d& b) { return std::sqrt(square_length(difference(a, b))); }
 
 bool NumberRange::contains(double value) const

@@ -96,6 +96,9 @@ struct SceneFile {
 	};
 	std::vector<SphereTrack> sphere_tracks;
 
+	// Spheres whose coordinates the file itself rounds by more than 1e-4 of their radius (is_coarse()).
+	std::uint64_t coarse_spheres = 0;
+
 	// The scene at a frame: values interpolated linearly between keyframes, held before the first and after
 	// the last. Fails (Usage, naming the frame) if the interpolated camera is degenerate.
 	Result<Scene> at_frame(double frame) const;

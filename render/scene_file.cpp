@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 
 #include <filesystem>
+#include <limits>
 #include <new>
 #include <unordered_map>
 
@@ -280,6 +281,7 @@ private:
 		sphere.radius = json_.number(value, "radius", range::radius);
 		if (const auto material = json_.member(value, "material"))
 			sphere.material = find_name(*material, materials_, "material");
+		file_.coarse_spheres += is_coarse(sphere, std::numeric_limits<double>::digits);
 		return sphere;
 	}
 
@@ -308,8 +310,12 @@ private:
 		}
 		if (json_.failed())
 			return;
-		if (const Status status = append_sphere_set(set, file_.base.spheres); !status)
+		std::vector<Sphere>& spheres = file_.base.spheres;
+		const std::size_t before = spheres.size();
+		if (const Status status = append_sphere_set(set, spheres); !status)
 			fail_in_file(*value.find("file"), status.error());
+		for (std::size_t i = before; i < spheres.size(); ++i)
+			file_.coarse_spheres += is_coarse(spheres[i], std::numeric_limits<float>::digits);
 	}
 
 	// --- render settings ---

@@ -41,6 +41,10 @@ constexpr NumberRange frame{0, 1e9, false, false, false, true};
 
 constexpr std::uint64_t max_spheres = std::uint64_t(1) << 26;
 
+// Whether the sphere's coordinates, as numbers of so many binary digits, come in steps of more than 1e-4 of its radius:
+// a world offset has eaten the scene's shape before rt sees it.
+bool is_coarse(const Sphere& sphere, int digits);
+
 double distance(const Vec3d& a, const Vec3d& b);
 
 enum class CameraFault { None, SamePoint, NoUp, UpAlongView };

@@ -999,7 +999,7 @@ void write_pair(const std::string& name, const Scene& scene, RenderSettings sett
 			}
 	const auto png = encode_png(width, settings.height, pixels, Transfer::Srgb, {});
 	REQUIRE(png);
-	REQUIRE(write_file(RT_SOURCE_DIR "/docs/images/extremes/" + name + ".png", *png));
+	REQUIRE(write_file(RT_SOURCE_DIR "/docs/images/extremes/" + name + ".png", png->data(), png->size()));
 }
 
 } // namespace

@@ -1,6 +1,7 @@
 // Reading scenes: every kind of bad input gives the documented kind, line, path and cure; keyframes; sphere sets.
 #include "render/json_document.h"
 #include "render/scene_file.h"
+#include "render/scene_ranges.h"
 #include "support/files.h"
 #include "tests/catch.h"
 
@@ -484,6 +485,28 @@ TEST_CASE("sphere sets")
 	               "without \"materials_file\""));
 	CHECK(contains(error_of(R"({"file": "two", "format": "f32le-xyzr", "material": "a", "materials_file": "index"})"),
 	               "keep one"));
+}
+
+TEST_CASE("coordinates that their file rounds too coarsely are counted")
+{
+	// 1e6 in steps of 2^-33 (a double) or 2^-4 (a float).
+	CHECK_FALSE(is_coarse({{1e6, 0, 0}, 1, 0}, 53));
+	CHECK(is_coarse({{0, -1e6, 0}, 1, 0}, 24));
+	CHECK_FALSE(is_coarse({{800, 0, 0}, 1, 0}, 24));
+	CHECK(is_coarse({{0, 0, 1100}, -1, 0}, 24));
+	CHECK_FALSE(is_coarse({{0, 0, 0}, 1e-9, 0}, 24));
+
+	const Directory directory;
+	directory.put("far", little_endian(std::vector<float>{1e6f, 0, 0, 1, 1, 2, 3, 1}));
+	const Result<SceneFile> file = parse_scene(
+	    R"({"rt": 1, "camera": {"from": [0, 0, -2], "at": [0, 0, 1]}, "sky": {"kind": "none"},
+		"materials": {"a": {"kind": "dielectric", "ior": 1.5}},
+		"spheres": [{"center": [1e12, 0, 0], "radius": 1, "material": "a"},
+		            {"center": [1e6, 0, 0], "radius": 1, "material": "a"}],
+		"sphere_sets": [{"file": "far", "format": "f32le-xyzr", "material": "a"}]})",
+	    (directory.path / "set.json").string());
+	REQUIRE(file);
+	CHECK(file->coarse_spheres == 2);
 }
 
 TEST_CASE("bad scene files on disk")

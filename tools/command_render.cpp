@@ -83,6 +83,11 @@ public:
 	{
 		times_.begin("load_scene");
 		RT_TRY_ASSIGN(scene_file_, open_scene(options_.scene));
+		if (scene_file_.coarse_spheres > 0)
+			report_warning(
+			    fmt::format("the scene's files round the coordinates of {} by more than 1e-4 of the radius",
+			                plural(scene_file_.coarse_spheres, "sphere")),
+			    "write the scene, camera and all, nearer to the origin; rt itself loses nothing by an offset");
 		RT_TRY(check_outputs());
 		// The first frame is checked before a device is touched: most mistakes are in the scene.
 		RT_TRY(prepare(options_.first_frame));

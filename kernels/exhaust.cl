@@ -267,7 +267,8 @@ RT_KERNEL(rt_exhaust_rays)
 		/* Along the surface a chord may round to none. */
 		rt_mask at_end = rt_sel(leaving.chord > zero, rt_sel(again.t == leaving.chord, meets, RT_FALSE), rt_not(meets));
 		rt_mask outward = met & rt_not(inward);
-		rt_mask by_book = rt_exhaust_textbook(center, radius, v3_scale(hit.t, ray.dir), leaving.dir);
+		rt_mask by_book =
+		    rt_exhaust_textbook(center, radius, v3_fma(hit.t, ray.dir, v3_splat(0.0f, 0.0f, 0.0f)), leaving.dir);
 		met_count += rt_sel(met, one, none);
 		outward_count += rt_sel(outward, one, none);
 		rehits += rt_sel(outward & meets, one, none);

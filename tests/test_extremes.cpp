@@ -337,7 +337,8 @@ TEST_CASE("extreme: smallpt box in float", "[extremes]")
 	const Film truth = oracle_of(cornell, lit);
 	for (const TestDevice& device : test_devices()) {
 		std::int64_t leaks = 0;
-		for (const std::int64_t sum : film_of(sealed, settings, device).sums())
+		const Film film_of_sealed = film_of(sealed, settings, device);
+		for (const std::int64_t sum : film_of_sealed.sums())
 			leaks += sum != 0;
 		const Agreement agreement = compare(film_of(cornell, lit, device), truth);
 		judge("smallpt-box", device.name, leaks == 0 && agreement.holds(),
@@ -497,7 +498,8 @@ TEST_CASE("extreme: touching, overlapping, nested", "[extremes]")
 	const RenderSettings settings = of_size(16, 12, 4, 50);
 	for (const TestDevice& device : test_devices()) {
 		double leaks = 0;
-		for (const std::int64_t sum : film_of(shells, settings, device).sums())
+		const Film film_of_shells = film_of(shells, settings, device);
+		for (const std::int64_t sum : film_of_shells.sums())
 			leaks += sum != 0;
 		// Two spheres with a gap of 0, one ulp, 1e-7 r, and overlaps: their order in the file is not seen.
 		bool order = true;

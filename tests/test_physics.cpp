@@ -8,8 +8,8 @@
 #include "render/scene_file.h"
 #include "render/session.h"
 #include "tests/catch.h"
-#include "tests/textbook_tracer.h"
 #include "tests/statistics.h"
+#include "tests/textbook_tracer.h"
 
 #include <array>
 #include <cmath>

@@ -114,8 +114,7 @@ std::vector<NamedFault> faults()
 	    {"shifts",
 	     {"an arithmetic shift",
 	      {{probe, "x = a_bits >> (b_bits & 31u);", "x = rt_to_uint(rt_to_int(a_bits) >> rt_to_int(b_bits & 31u));"}}}},
-	    {"random numbers",
-	     {"a wrong constant", {{"kernels/rng.h", "v * 1664525u", "v * 1664527u"}}}},
+	    {"random numbers", {"a wrong constant", {{"kernels/rng.h", "v * 1664525u", "v * 1664527u"}}}},
 	    {"atan2", {"a swapped comparison", {{math, "rt_mask steep = ay > ax;", "rt_mask steep = ay < ax;"}}}},
 	};
 }

@@ -62,10 +62,10 @@ constexpr ReferenceKernel entry(const char* name)
 }
 
 constexpr ReferenceKernel kernels[] = {
-    entry<rt_clear>("rt_clear"),   entry<rt_merge>("rt_merge"),
-    entry<rt_render>("rt_render"), entry<rt_identify>("rt_identify"),
+    entry<rt_clear>("rt_clear"),       entry<rt_merge>("rt_merge"),
+    entry<rt_render>("rt_render"),     entry<rt_identify>("rt_identify"),
 #if RT_PRECISION != RT_PRECISION_DOUBLE && !RT_TRACED
-    entry<rt_probe>("rt_probe"),   entry<rt_probe_layout>("rt_probe_layout"),
+    entry<rt_probe>("rt_probe"),       entry<rt_probe_layout>("rt_probe_layout"),
     entry<rt_peak_fma>("rt_peak_fma"), entry<rt_peak_integer>("rt_peak_integer"),
 #endif
 };

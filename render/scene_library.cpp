@@ -124,8 +124,10 @@ Result<SceneFile> open_scene(const std::string& name)
 		             name,
 		             "name a scene's file in it",
 		             {}};
+	// Those of subdirectories are special cases: they come last.
 	std::vector<std::string> names = shipped_scenes();
-	names.push_back("cloud-N");
+	const auto plain = [](const std::string& scene) { return scene.find('/') == std::string::npos; };
+	names.insert(std::stable_partition(names.begin(), names.end(), plain), "cloud-N");
 	std::string word = fs::path(name).filename().string();
 	if (ends_with(word, ".json"))
 		word.resize(word.size() - 5);

@@ -359,8 +359,7 @@ TEST_CASE("extreme: smallpt box in float", "[extremes]")
 		judge("smallpt-box", device.name, leaks == 0 && agreement.holds(),
 		      fmt::format("{} leaks; lit, against double: {}", leaks, agreement.text()));
 	}
-	const double leak = mean_of(trace_in_float(sealed, settings));
-	judge("smallpt-box", textbook, leak > 1e-3, fmt::format("{:.1f} % of the sky's light leaks in", 100 * leak));
+	// The textbook in float keeps this box tight too: there is no failure of its to show here.
 }
 
 TEST_CASE("extreme: world offset", "[extremes]")

@@ -670,7 +670,8 @@ double reflectance_of(float eta, float c)
 // Fresnel's equations for unpolarised light in long double.
 double fresnel(float eta_float, float c_float)
 {
-	const long double eta = eta_float, c = c_float, square = 1 - eta * eta * (1 - c * c);
+	const auto eta = static_cast<long double>(eta_float), c = static_cast<long double>(c_float),
+	           square = 1 - eta * eta * (1 - c * c);
 	if (square <= 0)
 		return 1;
 	const long double beyond = std::sqrt(square);

@@ -32,7 +32,7 @@ Key hash_of(const Key& v)
 // Undoes rt_pcg4d() step by step, which is possible because each step changes one word by a function of the others.
 Key preimage_of(Key v)
 {
-	auto& [x, y, z, w] = v;
+	std::uint32_t &x = v[0], &y = v[1], &z = v[2], &w = v[3];
 	const auto undo_round = [&] {
 		w -= y * z;
 		z -= x * y;

@@ -74,7 +74,7 @@ Result<BenchDevice> open_bench_device(const RenderOptions& options,
 	device.open_seconds = seconds_since(start);
 	status("testing " + chosen.front().name);
 	start = Clock::now();
-	RT_TRY_ASSIGN(const SelfTestReport report, self_test(device.handle, !options.self_test_afresh));
+	RT_TRY_ASSIGN(const SelfTestReport report, self_test(device.handle, !options.self_test_afresh, options.precision));
 	device.self_test_seconds = seconds_since(start);
 	device.software_roots = report.needs_software_roots;
 	if (!report.passed && !options.force_unverified)
@@ -112,6 +112,7 @@ Result<BenchRun> bench_scene(const std::string& scene_name, const RenderOptions&
 	session.specialise = options.specialise;
 	session.lanes = options.lanes;
 	session.bvh = options.bvh;
+	session.precision = options.precision;
 	session.software_roots = device.software_roots;
 	std::array<std::vector<double>, bench_phase_names.size()> seconds;
 	std::vector<double> render_seconds;

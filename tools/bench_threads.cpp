@@ -181,6 +181,7 @@ Result<BenchRun> bench_with_threads(const std::string& scene, const RenderOption
 		arguments.insert(arguments.end(), {"--device", options.device.device});
 	if (options.lanes)
 		arguments.insert(arguments.end(), {"--lanes", fmt::to_string(options.lanes)});
+	arguments.insert(arguments.end(), {"--precision", precision_name(options.precision)});
 	if (options.bvh != Acceleration::Auto)
 		arguments.insert(arguments.end(), {"--bvh", options.bvh == Acceleration::Always ? "always" : "never"});
 	if (!options.specialise)

@@ -145,6 +145,7 @@ private:
 		        {"revision", RT_REVISION},
 		        {"contract", RT_CONTRACT_VERSION},
 		        {"kernel_hash", kernel_hash()},
+		        {"precision", precision_name(options_.render.precision)},
 		        {"date", fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(std::time(nullptr)))},
 		        {"threads", thread_count()},
 		        {"device", device_json(info())},
@@ -187,8 +188,9 @@ private:
 	{
 		const RenderSettings& settings = run.settings;
 		std::string text =
-		    fmt::format("{}: {}, {}x{}, {} a pixel, depth {}\n", run.scene, plural(run.spheres, "sphere"),
-		                settings.width, settings.height, plural(settings.samples, "sample"), settings.max_depth);
+		    fmt::format("{}: {}, {}x{}, {} a pixel, depth {}, {}\n", run.scene, plural(run.spheres, "sphere"),
+		                settings.width, settings.height, plural(settings.samples, "sample"), settings.max_depth,
+		                precision_name(options_.render.precision));
 		text += device_text() + '\n';
 
 		std::vector<std::vector<std::string>> rows = {{"", ">first", ">min", ">median", ">max"}};

@@ -4,6 +4,13 @@
 # variant serves every scene that needs no more than its features; the smallest that fits is taken. The masks are those
 # of the shipped scenes (common/rt_features.h). On x86-64 a variant is built for an instruction set: 3, x86-64-v3 (AVX2,
 # FMA); 4, x86-64-v4 (AVX-512); 0, the baseline, where fma is the C library's, exact and slow.
+set(RT_REFERENCE_VARIANTS "all" CACHE STRING
+    "Variants of the reference backend: all, or few (generic ones: slower renders, a build in a third of the time)")
+set_property(CACHE RT_REFERENCE_VARIANTS PROPERTY STRINGS all few)
+if(NOT RT_REFERENCE_VARIANTS MATCHES "^(all|few)$")
+  message(FATAL_ERROR "RT_REFERENCE_VARIANTS is '${RT_REFERENCE_VARIANTS}'; it is all or few")
+endif()
+
 set(RT_REFERENCE_DECLARATIONS "")
 set(RT_REFERENCE_TABLE "")
 
@@ -62,7 +69,9 @@ if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
   set(RT_FAST 3)
   set(RT_FAST_LANES 8)
   rt_reference_variant(generic_baseline 1 0x1fffu 0)
-  rt_reference_variant(generic_16_v4 16 0x1fffu 4)
+  if(RT_REFERENCE_VARIANTS STREQUAL "all")
+    rt_reference_variant(generic_16_v4 16 0x1fffu 4)
+  endif()
   rt_reference_variant(fast_baseline 1 0x1fffu 0 FAST)
   rt_reference_variant(double_baseline 1 0x1fffu 0 DOUBLE)
   rt_reference_variant(exhaust_baseline 1 0x1fffu 0 EXHAUST)
@@ -83,7 +92,11 @@ rt_reference_variant(double_generic 1 0x1fffu ${RT_FAST} DOUBLE)
 rt_reference_variant(exhaust ${RT_FAST_LANES} 0x1fffu ${RT_FAST} EXHAUST)
 rt_reference_variant(exhaust_software_roots ${RT_FAST_LANES} 0x1fffu ${RT_FAST} EXHAUST SOFTWARE_ROOTS)
 # The feature masks that shipped scenes need.
-foreach(rung exact fast)
+set(rungs exact fast)
+if(RT_REFERENCE_VARIANTS STREQUAL "few")
+  set(rungs "")
+endif()
+foreach(rung IN LISTS rungs)
   set(prefix "")
   set(option "")
   if(rung STREQUAL "fast")

@@ -30,6 +30,7 @@
 	M(rt_scene, window_width) M(rt_scene, window_height) M(rt_scene, seed) M(rt_scene, max_depth)      \
 	M(rt_scene, sphere_count) M(rt_scene, wide_count) M(rt_scene, bvh_root) M(rt_scene, bvh_blocks)    \
 	M(rt_scene, bvh_x) M(rt_scene, bvh_y) M(rt_scene, bvh_z) M(rt_scene, bvh_extent)                   \
+	M(rt_scene, sampler) M(rt_scene, estimator) M(rt_scene, roulette) M(rt_scene, light_count)         \
 	S(rt_film_pixel) M(rt_film_pixel, r) M(rt_film_pixel, g) M(rt_film_pixel, b) M(rt_film_pixel, tally)
 /* clang-format on */
 

@@ -56,6 +56,14 @@ RT_STATIC_ASSERT(sizeof(rt_row4) == 16, row4);
 /* Links that a walk keeps at most; the builder sees to it. */
 #define RT_BVH_STACK(lanes) ((lanes) == 1u ? 64u : 128u)
 
+#define RT_SAMPLER_INDEPENDENT 0u
+#define RT_SAMPLER_STRATIFIED 1u
+#define RT_SAMPLER_SOBOL 2u
+
+#define RT_ESTIMATOR_PATH 0u
+#define RT_ESTIMATOR_NEE 1u
+#define RT_ESTIMATOR_MIS 2u
+
 #define RT_MATERIAL_LAMBERTIAN 0u
 #define RT_MATERIAL_METAL 1u
 #define RT_MATERIAL_DIELECTRIC 2u
@@ -114,8 +122,11 @@ typedef struct rt_scene {
 	rt_u32 bvh_blocks;               /* row at which the blocks begin */
 	float bvh_x, bvh_y, bvh_z;       /* the tree's centre, of which its boxes are relative */
 	float bvh_extent;                /* no box reaches further from the centre, along any axis */
+	rt_u32 sampler, estimator;       /* RT_SAMPLER_*, RT_ESTIMATOR_* */
+	rt_u32 roulette;                 /* scatterings after which Russian roulette may end a path; 0: never */
+	rt_u32 light_count;              /* lamps that rays are aimed at */
 } rt_scene;
-RT_STATIC_ASSERT(sizeof(rt_scene) == 192, scene);
+RT_STATIC_ASSERT(sizeof(rt_scene) == 208, scene);
 
 /* A pixel of the film: sums of round-half-even(radiance 2^f), and a tally of path segments (low 40 bits) and rejected
  * samples (bits 40 and up). */

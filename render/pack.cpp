@@ -288,6 +288,19 @@ std::uint32_t features_of(const Scene& scene, const PackedScene& packed)
 	return features;
 }
 
+// What is asked for beside the scene.
+std::uint32_t features_of(const RenderSettings& settings)
+{
+	std::uint32_t features = 0;
+	if (settings.sampler == Sampler::Sobol)
+		features |= RT_FEATURE_SOBOL;
+	if (settings.sampler == Sampler::Stratified)
+		features |= RT_FEATURE_STRATIFIED;
+	if (settings.roulette > 0)
+		features |= RT_FEATURE_ROULETTE;
+	return features;
+}
+
 // The largest radiance that a sample can gather. A surface that both emits and scatters adds up along a path: at most
 // the geometric series of the largest albedo.
 double largest_radiance(const Scene& scene, const RenderSettings& settings)
@@ -355,6 +368,9 @@ Result<PackedScene> pack_scene(const Scene& scene, const RenderSettings& setting
 	packed.scene.window_height = window.height;
 	packed.scene.seed = settings.seed;
 	packed.scene.max_depth = settings.max_depth;
+	packed.scene.sampler = static_cast<std::uint32_t>(settings.sampler);
+	packed.scene.estimator = static_cast<std::uint32_t>(settings.estimator);
+	packed.scene.roulette = settings.roulette;
 	RT_TRY(pack_camera(scene.camera, settings, packed.scene));
 	pack_sky(scene.sky, packed.scene);
 	pack_textures(scene, packed);
@@ -362,7 +378,7 @@ Result<PackedScene> pack_scene(const Scene& scene, const RenderSettings& setting
 	packed.scene.sphere_count = static_cast<std::uint32_t>(packed.spheres.size());
 	packed.scene.wide_count = static_cast<std::uint32_t>(packed.wide.size());
 	packed.scene.bvh_root = RT_BVH_NONE;
-	packed.features = features_of(scene, packed);
+	packed.features = features_of(scene, packed) | features_of(settings);
 
 	const double brightest = largest_radiance(scene, settings);
 	const int ceiling = brightest > 0 ? ceil_log2(brightest) : 0;

@@ -18,6 +18,7 @@ constexpr Key keys[] = {
     {"Contract", KeyEffect::Image},  {"SceneHash", KeyEffect::Image},     {"Frame", KeyEffect::Image},
     {"Width", KeyEffect::Image},     {"Height", KeyEffect::Image},        {"Window", KeyEffect::Image},
     {"Samples", KeyEffect::Image},   {"Seed", KeyEffect::Image},          {"MaxDepth", KeyEffect::Image},
+    {"Sampler", KeyEffect::Image},   {"Estimator", KeyEffect::Image},     {"Roulette", KeyEffect::Image},
     {"Precision", KeyEffect::Image}, {"Transfer", KeyEffect::Display},    {"Exposure", KeyEffect::Display},
     {"Software", KeyEffect::Device}, {"Scene", KeyEffect::Device},        {"KernelHash", KeyEffect::Device},
     {"Backend", KeyEffect::Device},  {"Device", KeyEffect::Device},       {"Driver", KeyEffect::Device},

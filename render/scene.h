@@ -4,6 +4,7 @@
 // Scene is one frame of it. pack.h turns a Scene into what the kernels read.
 #pragma once
 
+#include "render/sampling.h"
 #include "support/hash.h"
 #include "support/result.h"
 
@@ -67,6 +68,9 @@ struct RenderSettings {
 	std::uint32_t samples = 128;
 	std::uint32_t max_depth = 50;
 	std::uint32_t seed = 0;
+	Sampler sampler = Sampler::Independent;
+	Estimator estimator = Estimator::Path;
+	std::uint32_t roulette = 0; // scatterings after which Russian roulette may end a path; 0: it never does
 };
 
 struct Scene {

@@ -322,7 +322,8 @@ private:
 
 	void read_settings(JsonValue value)
 	{
-		if (!json_.object(value, {"width", "height", "samples", "max_depth", "seed"}))
+		if (!json_.object(value,
+		                  {"width", "height", "samples", "max_depth", "seed", "sampler", "estimator", "roulette"}))
 			return;
 		RenderSettings& settings = file_.base.render;
 		settings.width = json_.integer(value, "width", range::image_size, settings.width);
@@ -330,6 +331,22 @@ private:
 		settings.samples = json_.integer(value, "samples", range::samples, settings.samples);
 		settings.max_depth = json_.integer(value, "max_depth", range::max_depth, settings.max_depth);
 		settings.seed = json_.integer(value, "seed", range::seed, settings.seed);
+		settings.roulette = json_.integer(value, "roulette", range::roulette, settings.roulette);
+		settings.sampler = named(value, "sampler", all_samplers, sampler_name, settings.sampler);
+		settings.estimator = named(value, "estimator", all_estimators, estimator_name, settings.estimator);
+	}
+
+	template <class Choice, std::size_t count>
+	Choice named(JsonValue value, const char* key, const std::array<Choice, count>& all, const char* (*name)(Choice),
+	             Choice otherwise)
+	{
+		if (!value.find(key))
+			return otherwise;
+		std::vector<std::string> names;
+		for (const Choice choice : all)
+			names.emplace_back(name(choice));
+		const std::size_t index = json_.choice(value, key, names);
+		return index < count ? all[index] : otherwise;
 	}
 
 	// --- parts of the grammar that recur ---

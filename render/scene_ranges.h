@@ -35,6 +35,7 @@ constexpr NumberRange checker_size{0x1p-10, 0x1p+10, false, false, false, false}
 constexpr NumberRange image_size{1, 65535, false, false, false, true};
 constexpr NumberRange samples{1, RT_MAX_SAMPLES, false, false, false, true};
 constexpr NumberRange max_depth{1, 10000, false, false, false, true};
+constexpr NumberRange roulette{0, 10000, false, false, false, true};
 constexpr NumberRange seed{0, 4294967295.0, false, false, false, true};
 constexpr NumberRange frame{0, 1e9, false, false, false, true};
 } // namespace range

@@ -133,6 +133,7 @@ Result<BenchRun> run_of(const std::string& text)
 		run.settings.samples = json.at("samples").get<std::uint32_t>();
 		run.settings.max_depth = json.at("max_depth").get<std::uint32_t>();
 		run.settings.seed = json.at("seed").get<std::uint32_t>();
+		run.settings.roulette = json.at("roulette").get<std::uint32_t>();
 		run.film_hash = json.at("film_hash").get<std::string>();
 		run.load_seconds = json.at("load_seconds").get<double>();
 		run.pack_seconds = json.at("pack_seconds").get<double>();
@@ -177,6 +178,11 @@ Result<BenchRun> bench_with_threads(const std::string& scene, const RenderOption
 	add("--samples", options.samples);
 	add("--seed", options.seed);
 	add("--max-depth", options.max_depth);
+	add("--roulette", options.roulette);
+	if (options.sampler)
+		arguments.insert(arguments.end(), {"--sampler", sampler_name(*options.sampler)});
+	if (options.estimator)
+		arguments.insert(arguments.end(), {"--estimator", estimator_name(*options.estimator)});
 	if (!options.device.device.empty())
 		arguments.insert(arguments.end(), {"--device", options.device.device});
 	if (options.lanes)

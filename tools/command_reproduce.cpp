@@ -72,6 +72,19 @@ private:
 		return number;
 	}
 
+	// One of a few words; the first, the default, where the image says nothing.
+	template <class Choice, std::size_t count>
+	Result<Choice> word(const Provenance& provenance, const char* key, const std::array<Choice, count>& all,
+	                    const char* (*name)(Choice)) const
+	{
+		const std::string text = provenance_value(provenance, key);
+		for (const Choice choice : all)
+			if (text.empty() || text == name(choice))
+				return choice;
+		return unfit(fmt::format("the image says '{}' of its {}, which this rt does not have", text, key),
+		             "reproduce it with the rt that made it: " + provenance_value(provenance, "Software"));
+	}
+
 	// Everything but the scene.
 	Status read_recipe(const LoadedImage& image)
 	{
@@ -104,6 +117,12 @@ private:
 		RT_TRY_ASSIGN(render_.height, number(provenance, "Height", range::image_size));
 		RT_TRY_ASSIGN(render_.seed, number(provenance, "Seed", range::seed));
 		RT_TRY_ASSIGN(render_.max_depth, number(provenance, "MaxDepth", range::max_depth));
+		RT_TRY_ASSIGN(render_.sampler, word(provenance, "Sampler", all_samplers, sampler_name));
+		RT_TRY_ASSIGN(render_.estimator, word(provenance, "Estimator", all_estimators, estimator_name));
+		render_.roulette = RenderSettings{}.roulette;
+		if (!provenance_value(provenance, "Roulette").empty()) {
+			RT_TRY_ASSIGN(render_.roulette, number(provenance, "Roulette", range::roulette));
+		}
 		RT_TRY_ASSIGN(render_.first_frame, number(provenance, "Frame", range::frame));
 		render_.last_frame = render_.first_frame;
 		RT_TRY_ASSIGN(const std::string window, value(provenance, "Window"));

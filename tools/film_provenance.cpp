@@ -16,8 +16,8 @@ namespace rt {
 namespace {
 
 // Keys whose values decide the bits of a film's samples: two films may be joined if all of them agree.
-constexpr const char* identity_keys[] = {"Contract", "KernelHash", "SceneHash", "Width",    "Height",
-                                         "Window",   "Seed",       "MaxDepth",  "Precision"};
+constexpr const char* identity_keys[] = {"Contract", "KernelHash", "SceneHash", "Width",   "Height",    "Window",
+                                         "Seed",     "MaxDepth",   "Precision", "Sampler", "Estimator", "Roulette"};
 
 // The different values, in the order in which they come, those of the resumed film first.
 class Union {
@@ -83,6 +83,10 @@ Provenance provenance_of(const FilmOrigin& origin, const Film& film, const std::
 	Union build_options(provenance_value(origin.resumed, "BuildOptions"));
 	for (const DeviceStats& device : stats)
 		build_options.add(device.build.options);
+	// A setting that is left as it is goes without saying.
+	const RenderSettings& settings = origin.settings;
+	const RenderSettings plain;
+	const auto unless_plain = [](bool is_plain, std::string value) { return is_plain ? std::string() : value; };
 	Provenance all = {
 	    {"Software", software_text()},
 	    {"Contract", contract_text(origin.precision)},
@@ -95,6 +99,9 @@ Provenance provenance_of(const FilmOrigin& origin, const Film& film, const std::
 	    {"Samples", samples_text(film)},
 	    {"Seed", std::to_string(origin.settings.seed)},
 	    {"MaxDepth", std::to_string(origin.settings.max_depth)},
+	    {"Sampler", unless_plain(settings.sampler == plain.sampler, sampler_name(settings.sampler))},
+	    {"Estimator", unless_plain(settings.estimator == plain.estimator, estimator_name(settings.estimator))},
+	    {"Roulette", unless_plain(settings.roulette == plain.roulette, std::to_string(settings.roulette))},
 	    {"Precision", precision_name(origin.precision)},
 	    {"KernelHash", kernel_hash()},
 	    {"Backend", of_devices("Backend", [](const DeviceInfo& info) { return info.backend; })},

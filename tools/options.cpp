@@ -148,6 +148,20 @@ Result<T> parse_word(const char* option, const std::string& text,
 	return usage(fmt::format("{} does not know '{}'", option, text), "choose one of: " + known);
 }
 
+// The same for a list whose words have their home elsewhere.
+template <class T, std::size_t count>
+Result<T> parse_named(const char* option, const std::string& text, const std::array<T, count>& all,
+                      const char* (*name)(T))
+{
+	std::string known;
+	for (const T value : all) {
+		if (text == name(value))
+			return value;
+		known += (known.empty() ? "" : ", ") + std::string(name(value));
+	}
+	return usage(fmt::format("{} does not know '{}'", option, text), "choose one of: " + known);
+}
+
 Result<ProgressMode> parse_progress(const std::string& text)
 {
 	return parse_word<ProgressMode>("--progress", text,
@@ -248,7 +262,8 @@ Result<std::optional<TextRequest>> parse(CLI::App& app, std::vector<std::string>
 
 // What was typed, before it is checked.
 struct RawRender {
-	std::string width, height, size, samples, seed, max_depth, frames, pixel, crop, checkpoint_seconds;
+	std::string width, height, size, samples, seed, max_depth, sampler, estimator, roulette, frames, pixel, crop,
+	    checkpoint_seconds;
 	bool generic = false;
 	std::string transfer = "srgb", exposure = "0", precision = "exact", progress = "auto", lanes = "auto", bvh = "auto";
 };
@@ -269,6 +284,12 @@ void add_scene_options(CLI::App& app, RenderOptions& options, RawRender& raw)
 	add("--samples,--spp", raw.samples, "N", fmt::format("samples a pixel ({})", defaults.samples));
 	add("--seed", raw.seed, "N", fmt::format("of the random numbers ({})", defaults.seed));
 	add("--max-depth", raw.max_depth, "N", fmt::format("scatterings after which a path ends ({})", defaults.max_depth));
+	add("--sampler", raw.sampler, "NAME",
+	    fmt::format("of the random numbers: independent, stratified or\nsobol ({})", sampler_name(defaults.sampler)));
+	add("--estimator", raw.estimator, "NAME",
+	    fmt::format("path: lamps are met by chance; nee: they are aimed\nat; mis: both, weighed ({})",
+	                estimator_name(defaults.estimator)));
+	add("--roulette", raw.roulette, "N", "scatterings after which chance may end dim paths; 0: it\nnever does (0)");
 }
 
 void add_image_options(CLI::App& app, RenderOptions& options, RawRender& raw)
@@ -363,6 +384,15 @@ Status check_image(const RawRender& raw, RenderOptions& options)
 	}
 	if (!raw.max_depth.empty()) {
 		RT_TRY_ASSIGN(options.max_depth, parse_number("--max-depth", raw.max_depth, range_of(range::max_depth)));
+	}
+	if (!raw.sampler.empty()) {
+		RT_TRY_ASSIGN(options.sampler, parse_named("--sampler", raw.sampler, all_samplers, sampler_name));
+	}
+	if (!raw.estimator.empty()) {
+		RT_TRY_ASSIGN(options.estimator, parse_named("--estimator", raw.estimator, all_estimators, estimator_name));
+	}
+	if (!raw.roulette.empty()) {
+		RT_TRY_ASSIGN(options.roulette, parse_number("--roulette", raw.roulette, range_of(range::roulette)));
 	}
 	if (!raw.frames.empty())
 		RT_TRY(parse_frames(raw.frames, options));
@@ -692,6 +722,9 @@ Result<CommandLine> parse_trace(std::vector<std::string> arguments)
 	add("--samples,--spp", raw.samples, "N", "Path", "samples a pixel that --against compares");
 	add("--seed", raw.seed, "N", "Path", "of the random numbers");
 	add("--max-depth", raw.max_depth, "N", "Path", "scatterings after which a path ends");
+	add("--sampler", raw.sampler, "NAME", "Path", "independent, stratified or sobol");
+	add("--estimator", raw.estimator, "NAME", "Path", "path, nee or mis");
+	add("--roulette", raw.roulette, "N", "Path", "scatterings after which chance may end dim paths");
 	add("--frames", raw.frames, "N", "Path", "frame of an animated scene (0)");
 	add("--against", options.against, "X", "Comparison",
 	    "a device or backend (as for --device, --backend), or a trace\nthat was saved with --json: FILE.json");
@@ -791,6 +824,9 @@ RenderSettings RenderOptions::settings_over(const RenderSettings& scene_settings
 	settings.samples = samples.value_or(settings.samples);
 	settings.seed = seed.value_or(settings.seed);
 	settings.max_depth = max_depth.value_or(settings.max_depth);
+	settings.sampler = sampler.value_or(settings.sampler);
+	settings.estimator = estimator.value_or(settings.estimator);
+	settings.roulette = roulette.value_or(settings.roulette);
 	return settings;
 }
 

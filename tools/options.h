@@ -26,7 +26,9 @@ constexpr std::uint32_t max_frame = 999999999;
 
 struct RenderOptions {
 	std::string scene = "three-spheres";
-	std::optional<std::uint32_t> width, height, samples, seed, max_depth;
+	std::optional<std::uint32_t> width, height, samples, seed, max_depth, roulette;
+	std::optional<Sampler> sampler;
+	std::optional<Estimator> estimator;
 	std::uint32_t first_frame = 0, last_frame = 0; // inclusive
 	std::optional<Window> window;                  // of --crop or --pixel; the whole image otherwise
 

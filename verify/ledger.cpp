@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 
 namespace rt {
@@ -68,7 +69,7 @@ Json device_row(const VerifyReport& report, const VerifiedDevice& device)
 	    {"kernels", host.kernels}, {"rung", "exact"},         {"environment", environment_text(report, device.index)}};
 }
 
-double rounded(double seconds) { return static_cast<double>(static_cast<std::int64_t>(seconds * 1e4 + 0.5)) / 1e4; }
+double rounded(double seconds) { return std::round(seconds * 1e4) / 1e4; }
 
 std::vector<Json> rows_of(const VerifyReport& report)
 {

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 
 namespace rt {
 
@@ -253,7 +254,8 @@ private:
 				return;
 			}
 			const double factor = std::clamp(speed_budget() / seconds, 1.0, round == 0 ? 4.0 : 32.0);
-			scene.samples = std::min(static_cast<std::uint32_t>(scene.samples * factor + 0.5), max_speed_samples);
+			scene.samples =
+			    std::min(static_cast<std::uint32_t>(std::lround(scene.samples * factor)), max_speed_samples);
 		}
 	}
 

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 
+// libFuzzer chose the name. NOLINTNEXTLINE(readability-identifier-naming)
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size);
 
 // A claim about a result; a false one ends the process, which is how a finding is told.

@@ -46,6 +46,7 @@ struct DeviceInfo {
 	std::uint64_t max_alloc_bytes = 0; // largest single buffer
 	std::uint32_t compute_units = 0;
 	std::uint32_t native_lanes = 1; // RT_LANES this device is best given: its native float width
+	bool indexes_parameters = true; // its compiler can read an array among a kernel's parameters
 	bool hardware_seeds = false;    // kernels reach rsqrt/rcp approximations: our own roots are then the faster ones
 	bool reports_correct_rounding = false; // the driver says / and sqrt are correctly rounded (not relied on)
 	bool reports_subnormals = false;

@@ -458,7 +458,7 @@ ProgramSpec render_program(const PackedScene& packed, const DeviceInfo& device, 
 	set_precision(spec, options.precision, options.fast_parts);
 	if (options.allow_contraction)
 		spec.defines.emplace_back("RT_DEF_CONTRACT", "1");
-	if (options.specialise && !permuted && packed.spheres.size() <= RT_MAX_FEW_SPHERES) {
+	if (options.specialise && !permuted && device.indexes_parameters && packed.spheres.size() <= RT_MAX_FEW_SPHERES) {
 		spec.defines.emplace_back("RT_DEF_SPHERE_COUNT", fmt::format("{}", packed.spheres.size()));
 		spec.defines.emplace_back("RT_DEF_WIDE_COUNT", fmt::format("{}", packed.wide.size()));
 	}

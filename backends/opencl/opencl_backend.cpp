@@ -124,6 +124,10 @@ void add_quirks(const Platform& platform, DeviceInfo& info)
 {
 	if (platform.is_oclgrind())
 		info.quirks.push_back({"-cl-opt-disable", "Oclgrind's interpreter crashes on optimised code"});
+	if (!info.indexes_parameters)
+		info.quirks.push_back(
+		    {"spheres in memory",
+		     "rusticl's compiler crashes on an array among a kernel's parameters (seen in Mesa 22.3)"});
 	if (platform.is_rusticl())
 		info.quirks.push_back({"1 lane",
 		                       "rusticl's compiler does not finish vector kernels; its devices show only where "
@@ -189,6 +193,7 @@ Record describe(const OpenClApi& api, const Platform& platform, cl_device_id dev
 	const auto width = value_info<cl_uint>(api, device, CL_DEVICE_NATIVE_VECTOR_WIDTH_FLOAT, 1);
 	if (info.kind == DeviceKind::Cpu && !platform.is_rusticl())
 		info.native_lanes = width >= 16 ? 16 : width >= 8 ? 8 : width >= 4 ? 4 : 1;
+	info.indexes_parameters = !platform.is_rusticl();
 	info.reports_correct_rounding = (floats & CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT) != 0;
 	info.reports_subnormals = (floats & CL_FP_DENORM) != 0;
 	info.reports_fp64 = contains(extensions, "cl_khr_fp64");

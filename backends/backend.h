@@ -1,6 +1,7 @@
 // backend.h: the whole interface between the renderer and a device.
 //
-// Eight calls, mandatory in every backend: enumerate, open, build, launch, alloc, write, read, wait.
+// Eight calls, mandatory in every backend: enumerate, open, build, launch, alloc, write, read, wait. A ninth,
+// read_pieces, is there for speed and has a default.
 // Nothing above backends/ sees a driver's type, and nothing outside a backend asks which backend it is:
 // what a device can do is in DeviceInfo, found out by probes.
 //
@@ -13,6 +14,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -143,6 +145,9 @@ StructBytes by_value(const Struct& value)
 	return StructBytes(bytes, bytes + sizeof value);
 }
 
+// Gets bytes [first, first + bytes) of what is read; the memory is its own during the call only.
+using TakePiece = std::function<void(const void* data, std::size_t first, std::size_t bytes)>;
+
 class Device {
 public:
 	virtual ~Device() = default;
@@ -158,6 +163,10 @@ public:
 	// Copies between host and device; both wait until the copy is done.
 	virtual Status write(const BufferHandle& buffer, std::size_t offset, const void* data, std::size_t bytes) = 0;
 	virtual Status read(const BufferHandle& buffer, std::size_t offset, void* data, std::size_t bytes) = 0;
+	// Reads for someone who looks at the bytes once: piece by piece in order, cut at multiples of 64 bytes, and a
+	// device that can copies one while another is looked at. Not overridden, it is read() for each piece.
+	virtual Status read_pieces(const BufferHandle& buffer, std::size_t offset, std::size_t bytes,
+	                           const TakePiece& take);
 	// Waits until everything enqueued is done; reports errors of launches before it.
 	virtual Status wait() = 0;
 

@@ -1,6 +1,7 @@
 #include "render/display.h"
 
 #include "render/display_table.h"
+#include "support/thread_pool.h"
 
 #include <algorithm>
 #include <cmath>
@@ -78,17 +79,21 @@ std::vector<std::uint8_t> to_8bit(const Film& film, const DisplaySettings& setti
 	const std::uint64_t* const thresholds = thresholds_of(settings.transfer);
 	const std::uint64_t exposure = exposure_factor(settings.exposure_stops);
 	std::vector<std::uint8_t> bytes(film.sums().size());
-	for (std::size_t pixel = 0; pixel < film.samples().size(); ++pixel) {
-		if (film.samples()[pixel] == 0)
-			continue;
-		for (std::size_t i = 3 * pixel; i < 3 * pixel + 3; ++i) {
-			if (film.sums()[i] <= 0)
+	constexpr std::uint64_t piece_pixels = std::uint64_t(1) << 13;
+	parallel_for(film.samples().size(), piece_pixels, [&](std::uint64_t begin, std::uint64_t end) {
+		for (std::size_t pixel = begin; pixel < end; ++pixel) {
+			if (film.samples()[pixel] == 0)
 				continue;
-			const std::uint64_t radiance = scaled_radiance(static_cast<std::uint64_t>(film.sums()[i]), exposure,
-			                                               film.samples()[pixel], film.exponent());
-			bytes[i] = static_cast<std::uint8_t>(std::upper_bound(thresholds, thresholds + 255, radiance) - thresholds);
+			for (std::size_t i = 3 * pixel; i < 3 * pixel + 3; ++i) {
+				if (film.sums()[i] <= 0)
+					continue;
+				const std::uint64_t radiance = scaled_radiance(static_cast<std::uint64_t>(film.sums()[i]), exposure,
+				                                               film.samples()[pixel], film.exponent());
+				bytes[i] =
+				    static_cast<std::uint8_t>(std::upper_bound(thresholds, thresholds + 255, radiance) - thresholds);
+			}
 		}
-	}
+	});
 	return bytes;
 }
 

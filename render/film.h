@@ -7,10 +7,10 @@
 
 #include "support/hash.h"
 #include "support/result.h"
+#include "support/zeroed.h"
 
 #include <cstddef>
 #include <cstdint>
-#include <vector>
 
 namespace rt {
 
@@ -31,11 +31,11 @@ public:
 	std::uint64_t pixels() const { return std::uint64_t(window_.width) * window_.height; }
 
 	// Sums of R, G, B a pixel, window rows from the top: 3 * pixels().
-	std::vector<std::int64_t>& sums() { return sums_; }
-	const std::vector<std::int64_t>& sums() const { return sums_; }
+	Zeroed<std::int64_t>& sums() { return sums_; }
+	const Zeroed<std::int64_t>& sums() const { return sums_; }
 	// Samples taken a pixel: pixels(). Uneven only in a film that was interrupted.
-	std::vector<std::uint32_t>& samples() { return samples_; }
-	const std::vector<std::uint32_t>& samples() const { return samples_; }
+	Zeroed<std::uint32_t>& samples() { return samples_; }
+	const Zeroed<std::uint32_t>& samples() const { return samples_; }
 
 	bool is_even() const;              // every pixel has the same number of samples
 	std::uint32_t min_samples() const; // of all pixels; 0 for an empty film
@@ -62,8 +62,8 @@ private:
 	std::uint32_t image_width_ = 0, image_height_ = 0;
 	Window window_;
 	std::int32_t exponent_ = 0;
-	std::vector<std::int64_t> sums_;
-	std::vector<std::uint32_t> samples_;
+	Zeroed<std::int64_t> sums_;
+	Zeroed<std::uint32_t> samples_;
 };
 
 } // namespace rt

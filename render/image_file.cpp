@@ -1,5 +1,6 @@
 #include "render/image_file.h"
 
+#include "support/deflate.h"
 #include "support/files.h"
 
 #include <ImfChannelList.h>
@@ -12,6 +13,35 @@
 #include <fmt/format.h>
 #include <zlib.h>
 
+namespace {
+
+// In the place of stb_image_write's own compression, which is slow and packs less. Called from C code that frees the
+// bytes with free() and takes null for a lack of memory.
+unsigned char* compress_for_stb(unsigned char* data, int bytes, int* compressed_bytes, int)
+{
+	try {
+		const std::vector<std::uint8_t> stream = rt::zlib_compress(data, static_cast<std::size_t>(bytes));
+		if (stream.size() > INT_MAX)
+			return nullptr;
+		auto* const copy = static_cast<unsigned char*>(std::malloc(stream.size()));
+		if (copy)
+			std::memcpy(copy, stream.data(), stream.size());
+		*compressed_bytes = static_cast<int>(stream.size());
+		return copy;
+	} catch (const std::bad_alloc&) {
+		return nullptr;
+	}
+}
+
+unsigned int crc_for_stb(const unsigned char* data, int bytes)
+{
+	return static_cast<unsigned int>(::crc32_z(0, data, static_cast<std::size_t>(bytes)));
+}
+
+} // namespace
+
+#define STBIW_ZLIB_COMPRESS compress_for_stb
+#define STBIW_CRC32 crc_for_stb
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #define STB_IMAGE_WRITE_STATIC
 #define STBI_WRITE_NO_STDIO
@@ -20,6 +50,8 @@
 #include <algorithm>
 #include <climits>
 #include <cstddef>
+#include <cstdint>
+#include <cstdlib>
 #include <cstring>
 #include <exception>
 #include <new>
@@ -116,7 +148,7 @@ void append_from_stb(void* context, void* data, int size)
 
 Status check_png_size(std::uint32_t width, std::uint32_t height)
 {
-	// stb_image_write counts in int, and its buffer doubles: up to this size nothing of it can overflow.
+	// stb_image_write counts in int: up to this size nothing of it can overflow.
 	constexpr std::uint64_t max_raw_bytes = 900'000'000;
 	if ((3 * std::uint64_t(width) + 1) * height > max_raw_bytes)
 		return Error{ErrorKind::Usage,

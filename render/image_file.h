@@ -17,9 +17,9 @@ enum class ImageFormat { Png, Exr, Pfm, RtFilm };
 // By extension, case-insensitive; Usage error that lists the extensions otherwise.
 Result<ImageFormat> image_format_of(const std::string& path);
 
-// The file's bytes. PNG: 8-bit RGB by stb_image_write with tEXt chunks added after IHDR. EXR: 32-bit float RGB,
-// ZIP compression, display window = the whole image, data window = the film's window, string attributes.
-// PFM: little-endian float RGB, rows from the bottom. Floats are the correctly rounded mean radiance.
+// The file's bytes. PNG: 8-bit RGB by stb_image_write, compressed by zlib, with tEXt chunks added after IHDR. EXR:
+// 32-bit float RGB, ZIP compression, display window = the whole image, data window = the film's window, string
+// attributes. PFM: little-endian float RGB, rows from the bottom. Floats are the correctly rounded mean radiance.
 Result<std::vector<std::uint8_t>> encode_image(const Film& film, ImageFormat format, const DisplaySettings& display,
                                                const Provenance& provenance);
 

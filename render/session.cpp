@@ -28,6 +28,8 @@ constexpr double target_launch_seconds = 0.1;
 // A device holds the sums of this many bytes of pixels at once; larger windows are rendered page by page.
 constexpr std::uint64_t page_bytes = std::uint64_t(1) << 28;
 constexpr double progress_interval_seconds = 0.1;
+// Of the film, that a thread adds at once.
+constexpr std::uint64_t pixels_a_thread = std::uint64_t(1) << 13;
 // A GPU's compute unit holds at most about this many threads; a launch should offer it as many. More would leave each
 // too few samples to go on with when a path ends.
 constexpr std::uint64_t threads_a_compute_unit = 2048, launch_fills = 1;
@@ -129,7 +131,9 @@ struct Shared {
 	Clock::time_point start = Clock::now();
 	Clock::time_point last_progress = start;
 	std::uint64_t samples_done = 0, samples_total = 0;
-	std::optional<Error> error; // of the first worker that failed; the others stop
+	std::optional<Error> error;   // of the first worker that failed; the others stop
+	bool page_is_fresh = false;   // nothing of this page is in the film yet
+	std::size_t page_workers = 0; // that began it
 	// A snapshot is wanted: every worker adds what its device holds to the film; the last one hands it out.
 	unsigned snapshot_round = 0, drained = 0, workers = 0;
 	bool snapshot_open = false;
@@ -252,28 +256,25 @@ public:
 			const auto pixels = static_cast<std::uint32_t>(page_pixels_);
 			RT_TRY(device_->launch(program_, "rt_merge", pixels, {film_, pixels, slices_}));
 		}
-		// A part at a time keeps the copy small.
-		const std::size_t slice = std::min<std::size_t>(page_pixels_, std::size_t(1) << 17);
-		std::vector<rt_film_pixel> pixels(slice);
-		const std::size_t offset = std::size_t(page_row_) * shared_.packed.scene.window_width;
-		for (std::size_t first = 0; first < page_pixels_; first += slice) {
-			const std::size_t count = std::min(slice, page_pixels_ - first);
-			RT_TRY(device_->read(film_, first * sizeof(rt_film_pixel), pixels.data(), count * sizeof(rt_film_pixel)));
-			const std::lock_guard<std::mutex> lock(shared_.mutex);
-			add_pixels(pixels, offset + first, count);
-		}
+		// Memory of the film that nobody has read or written is cheaper to store in than to add to: one page fault for
+		// each page, not two. With other workers beside this one, another could have added to some of it.
+		bool store = false;
 		{
 			const std::lock_guard<std::mutex> lock(shared_.mutex);
-			const std::size_t width = shared_.packed.scene.window_width;
-			// All launches of a row together: most took whole pages.
-			std::vector<std::uint32_t> row_samples(page_pixels_ / width, 0);
-			for (const Work& work : done_)
-				for (std::uint32_t row = work.first_row; row < work.first_row + work.rows; ++row)
-					row_samples[row] += work.samples;
-			std::uint32_t* samples = shared_.film.samples().data() + offset;
-			for (const std::uint32_t taken : row_samples)
-				for (std::size_t x = 0; x < width; ++x)
-					*samples++ += taken;
+			store = shared_.page_is_fresh && shared_.page_workers == 1;
+			shared_.page_is_fresh = false;
+		}
+		const std::size_t offset = std::size_t(page_row_) * shared_.packed.scene.window_width;
+		RT_TRY(device_->read_pieces(film_, 0, page_pixels_ * sizeof(rt_film_pixel),
+		                            [&](const void* data, std::size_t first, std::size_t bytes) {
+			                            const std::lock_guard<std::mutex> lock(shared_.mutex);
+			                            add_pixels(static_cast<const rt_film_pixel*>(data),
+			                                       offset + first / sizeof(rt_film_pixel),
+			                                       bytes / sizeof(rt_film_pixel), store);
+		                            }));
+		{
+			const std::lock_guard<std::mutex> lock(shared_.mutex);
+			add_samples(offset, store);
 		}
 		done_.clear();
 		film_is_clear_ = false;
@@ -371,17 +372,24 @@ private:
 		return success();
 	}
 
-	void add_pixels(const std::vector<rt_film_pixel>& pixels, std::size_t first, std::size_t count)
+	// The film's pixels from `first` on; `store`: they are still zero.
+	void add_pixels(const rt_film_pixel* pixels, std::size_t first, std::size_t count, bool store)
 	{
 		constexpr std::uint64_t segments_mask = (std::uint64_t(1) << RT_TALLY_REJECTED_SHIFT) - 1;
 		std::atomic<std::uint64_t> segments{0}, rejected{0};
-		parallel_for(count, std::size_t(1) << 15, [&](std::uint64_t begin, std::uint64_t end) {
+		parallel_for(count, pixels_a_thread, [&](std::uint64_t begin, std::uint64_t end) {
 			std::int64_t* sums = shared_.film.sums().data() + (first + begin) * 3;
 			std::uint64_t piece_segments = 0, piece_rejected = 0;
 			for (std::uint64_t i = begin; i < end; ++i, sums += 3) {
-				sums[0] += pixels[i].r;
-				sums[1] += pixels[i].g;
-				sums[2] += pixels[i].b;
+				if (store) {
+					sums[0] = pixels[i].r;
+					sums[1] = pixels[i].g;
+					sums[2] = pixels[i].b;
+				} else {
+					sums[0] += pixels[i].r;
+					sums[1] += pixels[i].g;
+					sums[2] += pixels[i].b;
+				}
 				const auto tally = static_cast<std::uint64_t>(pixels[i].tally);
 				piece_segments += tally & segments_mask;
 				piece_rejected += tally >> RT_TALLY_REJECTED_SHIFT;
@@ -391,6 +399,26 @@ private:
 		});
 		shared_.film.segments += segments;
 		shared_.film.rejected += rejected;
+	}
+
+	// What done_ took of each pixel, as above.
+	void add_samples(std::size_t first, bool store)
+	{
+		// All launches of a row together: most took whole pages.
+		const std::size_t width = shared_.packed.scene.window_width, rows = page_pixels_ / width;
+		std::vector<std::uint32_t> row_samples(rows, 0);
+		for (const Work& work : done_)
+			for (std::uint32_t row = work.first_row; row < work.first_row + work.rows; ++row)
+				row_samples[row] += work.samples;
+		parallel_for(rows, 4 * pixels_a_thread / width + 1, [&](std::uint64_t begin, std::uint64_t end) {
+			std::uint32_t* samples = shared_.film.samples().data() + first + begin * width;
+			for (std::uint64_t row = begin; row < end; ++row, samples += width) {
+				if (store)
+					std::fill(samples, samples + width, row_samples[row]);
+				else
+					std::for_each(samples, samples + width, [&](std::uint32_t& taken) { taken += row_samples[row]; });
+			}
+		});
 	}
 
 	DeviceHandle device_;
@@ -532,6 +560,8 @@ Result<SessionResult> render_scene(const PackedScene& packed, const std::vector<
 		WorkQueue queue(scene.window_width, rows, options.first_sample, options.samples, options.rows_per_launch,
 		                options.samples_per_launch);
 		shared.workers = static_cast<unsigned>(workers.size());
+		shared.page_workers = workers.size();
+		shared.page_is_fresh = true;
 		const auto work = [&](Worker& worker) {
 			Status status = worker.begin_page(row, rows);
 			if (status)

@@ -3,6 +3,7 @@
 #include "render/display_table.h"
 #include "tests/catch.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <random>
@@ -21,8 +22,8 @@ std::vector<std::uint8_t> codes(const std::vector<std::int64_t>& sums, std::uint
 {
 	const auto pixels = static_cast<std::uint32_t>(sums.size() / 3);
 	Film film(pixels, 1, Window{0, 0, pixels, 1}, exponent);
-	film.sums() = sums;
-	film.samples().assign(pixels, samples);
+	std::copy(sums.begin(), sums.end(), film.sums().begin());
+	std::fill(film.samples().begin(), film.samples().end(), samples);
 	return rt::to_8bit(film, {transfer, stops});
 }
 

@@ -2,12 +2,15 @@
 #include "support/hash.h"
 #include "tests/catch.h"
 
+#include <algorithm>
 #include <cfloat>
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <new>
 #include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
 using rt::Film;
@@ -198,11 +201,11 @@ TEST_CASE("films that do not fit together are refused and change nothing")
 	CHECK(target.sums()[5] == std::numeric_limits<std::int64_t>::max());
 
 	Film counts = example();
-	counts.sums().assign(6, 0);
+	counts.sums() = rt::Zeroed<std::int64_t>(6);
 	counts.samples()[1] = 0xfffffffc;
 	CHECK(refuses(counts));
 	Film segments = example();
-	segments.sums().assign(6, 0);
+	segments.sums() = rt::Zeroed<std::int64_t>(6);
 	segments.segments = ~std::uint64_t(0);
 	film.segments = 1;
 	CHECK_FALSE(film.add(segments));
@@ -256,4 +259,29 @@ TEST_CASE("rule 19: mean radiance is correctly rounded")
 	CHECK(one_pixel(1, 1, 150).radiance_float(0, 0, 0) == 0.0f);
 	CHECK(one_pixel((std::int64_t(1) << 62) + 1, 1, 212).radiance_float(0, 0, 0) ==
 	      std::numeric_limits<float>::denorm_min());
+}
+
+TEST_CASE("films begin as zeros, also in memory that was used before, and are values")
+{
+	// 2.3 MB of sums have whole large pages; the least film has none.
+	for (const std::uint32_t width : {1u, 307u}) {
+		const Window window{0, 0, width, width};
+		for (int round = 0; round < 3; ++round) {
+			Film film(width, width, window, 30);
+			CHECK(std::count(film.sums().begin(), film.sums().end(), 0) == 3 * int(width * width));
+			CHECK(std::count(film.samples().begin(), film.samples().end(), 0u) == int(width * width));
+			for (auto& sum : film.sums())
+				sum = -1;
+			for (auto& count : film.samples())
+				count = 0xffffffff;
+			Film copy = film;
+			copy.sums()[0] = 5;
+			CHECK(film.sums()[0] == -1);
+			film = std::move(copy);
+			CHECK(film.sums()[0] == 5);
+			CHECK(film.sums() != Film(width, width, window, 30).sums());
+		}
+	}
+	CHECK(Film().sums().empty());
+	CHECK_THROWS_AS(rt::Zeroed<std::int64_t>(std::size_t(1) << 61), std::bad_alloc);
 }

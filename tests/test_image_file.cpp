@@ -1,4 +1,5 @@
 #include "render/image_file.h"
+#include "support/deflate.h"
 #include "support/files.h"
 #include "support/hash.h"
 #include "tests/catch.h"
@@ -10,6 +11,7 @@
 #include <ImfInputFile.h>
 #include <ImfStringAttribute.h>
 #include <png.h>
+#include <zlib.h>
 
 #include <unistd.h>
 
@@ -432,4 +434,29 @@ TEST_CASE("write_image names the file in its errors")
 	REQUIRE_FALSE(empty);
 	CHECK(empty.error().kind == rt::ErrorKind::Usage);
 	CHECK(empty.error().where == scratch.path());
+}
+
+TEST_CASE("zlib_compress makes streams that zlib reads, whatever their length")
+{
+	std::mt19937_64 random(11);
+	// About the pieces' ends, and several of them; noise, runs, and repeats from before a piece's beginning.
+	for (const std::size_t size : {0u, 1u, 131071u, 131072u, 131073u, 262144u, 1000003u}) {
+		Bytes data(size);
+		for (std::size_t i = 0; i < size; ++i)
+			data[i] = i % 3000 < 1000   ? static_cast<std::uint8_t>(random())
+			          : i % 3000 < 2000 ? static_cast<std::uint8_t>(7)
+			                            : data[i - 1000];
+		const Bytes stream = rt::zlib_compress(data.data(), data.size());
+		Bytes back(size + 1);
+		uLongf length = back.size();
+		REQUIRE(uncompress(back.data(), &length, stream.data(), stream.size()) == Z_OK);
+		back.resize(length);
+		CHECK(back == data);
+		CHECK(stream == rt::zlib_compress(data.data(), data.size()));
+		// Hardly more than from one thread.
+		Bytes whole(compressBound(size));
+		uLongf best = whole.size();
+		REQUIRE(compress2(whole.data(), &best, data.data(), size, Z_BEST_SPEED) == Z_OK);
+		CHECK(stream.size() < best + best / 100 + 16);
+	}
 }

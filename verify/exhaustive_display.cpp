@@ -57,7 +57,7 @@ void advance_display(ExhaustiveResult& result)
 			std::memcpy(&radiance, &bits, sizeof radiance);
 			film.sums()[i - begin] = std::llrint(static_cast<double>(radiance) * 0x1p40);
 		}
-		film.samples().assign(pixels, 1);
+		std::fill(film.samples().begin(), film.samples().end(), 1u);
 		std::uint64_t wrong = 0;
 		std::string first_failure;
 		for (std::size_t t = 0; t < 3; ++t) {

@@ -72,6 +72,10 @@ public:
 
 	CuDevice device() const { return device_; }
 	Status make_current() const { return check(api_.cuCtxSetCurrent(context_), "cuCtxSetCurrent"); }
+	Status start_read(void* target, CuDevicePtr source, std::size_t bytes) const
+	{
+		return check(api_.cuMemcpyDtoHAsync_v2(target, source, bytes, stream_), "cuMemcpyDtoHAsync");
+	}
 	Status synchronize() const { return check(api_.cuStreamSynchronize(stream_), "cuStreamSynchronize"); }
 	Status check(CuResult result, const char* call) const
 	{
@@ -457,21 +461,33 @@ Status CudaDevice::write(const BufferHandle& buffer, std::size_t offset, const v
 
 Status CudaDevice::read(const BufferHandle& buffer, std::size_t offset, void* data, std::size_t bytes)
 {
+	RT_TRY(context_->make_current());
+	if (bytes >= min_staged_bytes && context_->staging())
+		return read_pieces(buffer, offset, bytes, copy_to(data));
 	RT_TRY_ASSIGN(CudaBuffer* const own, own_buffer(buffer, *context_));
 	RT_TRY(check_range(*own, offset, bytes, "a read", *context_));
 	if (bytes == 0)
 		return success();
-	RT_TRY(context_->make_current());
-	const auto start_copy = [&](void* target, std::size_t first, std::size_t count) {
-		return context_->check(
-		    context_->api().cuMemcpyDtoHAsync_v2(target, own->pointer() + offset + first, count, context_->stream()),
-		    "cuMemcpyDtoHAsync");
-	};
-	std::uint8_t* const staging = bytes >= min_staged_bytes ? context_->staging() : nullptr;
-	if (staging)
-		return read_through_staging(staging, data, bytes, start_copy, [&] { return context_->synchronize(); });
-	RT_TRY(start_copy(data, 0, bytes));
+	RT_TRY(context_->start_read(data, own->pointer() + offset, bytes));
 	return context_->synchronize();
+}
+
+Status CudaDevice::read_pieces(const BufferHandle& buffer, std::size_t offset, std::size_t bytes, const TakePiece& take)
+{
+	RT_TRY(context_->make_current());
+	std::uint8_t* const staging = context_->staging();
+	if (!staging)
+		return Device::read_pieces(buffer, offset, bytes, take);
+	RT_TRY_ASSIGN(CudaBuffer* const own, own_buffer(buffer, *context_));
+	RT_TRY(check_range(*own, offset, bytes, "a read", *context_));
+	if (bytes == 0)
+		return success();
+	return read_through_staging(
+	    staging, bytes,
+	    [&](void* target, std::size_t first, std::size_t count) {
+		    return context_->start_read(target, own->pointer() + offset + first, count);
+	    },
+	    [&] { return context_->synchronize(); }, take);
 }
 
 Status CudaDevice::wait()

@@ -24,6 +24,8 @@ public:
 	Result<BufferHandle> alloc(std::size_t bytes) override;
 	Status write(const BufferHandle& buffer, std::size_t offset, const void* data, std::size_t bytes) override;
 	Status read(const BufferHandle& buffer, std::size_t offset, void* data, std::size_t bytes) override;
+	Status read_pieces(const BufferHandle& buffer, std::size_t offset, std::size_t bytes,
+	                   const TakePiece& take) override;
 	Status wait() override;
 
 private:

@@ -211,23 +211,29 @@ public:
 
 	Status read(const BufferHandle& buffer, std::size_t offset, void* data, std::size_t bytes) override
 	{
+		if (bytes >= min_staged_bytes && staging())
+			return read_pieces(buffer, offset, bytes, copy_to(data));
 		RT_TRY_ASSIGN(const OpenClBuffer* own, own_buffer(buffer, "read", offset, bytes));
 		if (bytes == 0)
 			return success();
-		const auto copy = [&](void* target, std::size_t first, std::size_t count, cl_bool blocking) {
-			const cl_int code = api_.EnqueueReadBuffer(context_->queue, own->memory(), blocking, offset + first, count,
-			                                           target, 0, nullptr, nullptr);
-			return transferred("clEnqueueReadBuffer", code, own->bytes());
-		};
-		const bool staged = info_.kind == DeviceKind::Gpu && bytes >= min_staged_bytes;
-		if (std::uint8_t* const staging = staged ? context_->staging_halves() : nullptr)
-			return read_through_staging(
-			    staging, data, bytes,
-			    [&](void* target, std::size_t first, std::size_t count) {
-				    return copy(target, first, count, CL_FALSE);
-			    },
-			    [&] { return wait(); });
-		return copy(data, 0, bytes, CL_TRUE);
+		return start_read(*own, offset, data, bytes, CL_TRUE);
+	}
+
+	Status read_pieces(const BufferHandle& buffer, std::size_t offset, std::size_t bytes,
+	                   const TakePiece& take) override
+	{
+		std::uint8_t* const halves = staging();
+		if (!halves)
+			return Device::read_pieces(buffer, offset, bytes, take);
+		RT_TRY_ASSIGN(const OpenClBuffer* own, own_buffer(buffer, "read", offset, bytes));
+		if (bytes == 0)
+			return success();
+		return read_through_staging(
+		    halves, bytes,
+		    [&](void* target, std::size_t first, std::size_t count) {
+			    return start_read(*own, offset + first, target, count, CL_FALSE);
+		    },
+		    [&] { return wait(); }, take);
 	}
 
 	Status wait() override
@@ -316,6 +322,16 @@ private:
 			    {},
 			    {}};
 		return own;
+	}
+
+	// Only a GPU's driver gains by staging.
+	std::uint8_t* staging() { return info_.kind == DeviceKind::Gpu ? context_->staging_halves() : nullptr; }
+
+	Status start_read(const OpenClBuffer& buffer, std::size_t offset, void* target, std::size_t bytes, cl_bool blocking)
+	{
+		const cl_int code = api_.EnqueueReadBuffer(context_->queue, buffer.memory(), blocking, offset, bytes, target, 0,
+		                                           nullptr, nullptr);
+		return transferred("clEnqueueReadBuffer", code, buffer.bytes());
 	}
 
 	// After a blocking copy, which waited for the launches before it.

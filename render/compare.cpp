@@ -500,6 +500,19 @@ Result<DifferencePicture> flip_picture(const LoadedImage& a, const LoadedImage& 
 	return picture;
 }
 
+std::vector<std::uint8_t> shown_rgb(const LoadedImage& image)
+{
+	std::vector<std::uint8_t> rgb;
+	rgb.reserve(static_cast<std::size_t>(3 * image.pixels()));
+	for (std::uint64_t pixel = 0; pixel < image.pixels(); ++pixel)
+		for (std::size_t c = 0; c < 3; ++c) {
+			const auto value = static_cast<double>(image.values[pixel * image.channels + c]);
+			rgb.push_back(is_encoded(image.type) ? quantised(value / static_cast<double>(largest_code(image.type)))
+			                                     : to_8bit(value, DisplaySettings{}));
+		}
+	return rgb;
+}
+
 const char* name_of(Verdict verdict)
 {
 	switch (verdict) {

@@ -101,6 +101,10 @@ Result<DifferencePicture> difference_picture(const LoadedImage& a, const LoadedI
 // The FLIP errors of the pixels, white where they are 1 / scale or more.
 Result<DifferencePicture> flip_picture(const LoadedImage& a, const LoadedImage& b, std::optional<double> scale);
 
+// An image as a screen shows it: 8-bit codes as they are, others scaled to that, linear values as sRGB; 3 bytes a
+// pixel.
+std::vector<std::uint8_t> shown_rgb(const LoadedImage& image);
+
 const char* name_of(Verdict verdict);
 const char* name_of(Step step, bool plural);
 

@@ -75,4 +75,15 @@ Result<DevicePeak> measure_peak(Device& device)
 	return peak;
 }
 
+PeakShare peak_share(std::uint64_t segments, std::uint64_t spheres, bool through_tree, double seconds,
+                     const DevicePeak& peak)
+{
+	PeakShare share;
+	share.tests_per_segment = through_tree ? 0 : static_cast<double>(spheres);
+	share.operations_per_second =
+	    static_cast<double>(segments) * share.tests_per_segment * share.operations_per_test / std::max(seconds, 1e-9);
+	share.share = peak.fma_per_second > 0 ? share.operations_per_second / peak.fma_per_second : 0;
+	return share;
+}
+
 } // namespace rt

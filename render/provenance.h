@@ -2,7 +2,8 @@
 //
 // The keys are the same in PNG text chunks (prefixed "rt:"), EXR attributes ("rt:") and .rtfilm headers:
 // Software, Contract, Scene, SceneHash, Frame, Width, Height, Window, Samples, Seed, MaxDepth, Sampler, Estimator,
-// Roulette (these three only where they are not the default), Precision, KernelHash, Backend, Device, Driver, Compiler, BuildOptions, SelfTest, Rejected, FilmHash, Transfer, Exposure.
+// Roulette (these three only where they are not the default), Precision, KernelHash, Backend, Device, Driver, Compiler,
+// BuildOptions, SelfTest, Rejected, FilmHash, Transfer, Exposure.
 #pragma once
 
 #include <string>

@@ -64,6 +64,12 @@ public:
 		REQUIRE(outcome.status == 0);
 		return outcome;
 	}
+	std::string text_of(const std::string& name) const
+	{
+		const auto bytes = rt::read_file((path_ / name).string());
+		REQUIRE(bytes);
+		return std::string(bytes->begin(), bytes->end());
+	}
 	rt::LoadedImage load(const std::string& name) const
 	{
 		auto image = rt::load_image((path_ / name).string());
@@ -131,6 +137,24 @@ TEST_CASE("rt compare: verdict, hashes, metadata, pixels, histogram, metrics, an
 	CHECK_FALSE(fs::exists(bench / "x.exr"));
 	CHECK(bench.rt("compare a.png a.png -od -o none.png").status == 0);
 	CHECK_FALSE(fs::exists(bench / "none.png"));
+
+	// The page: the same text, and the pictures.
+	CHECK(bench.rt("compare a.exr b.rtfilm --html page.html").status == 2);
+	const std::string html = bench.text_of("page.html");
+	for (const char* part : {"<!DOCTYPE html>", "failure: ", "another Seed", "A: a.exr", "B: b.rtfilm", "|A - B|",
+	                         "FLIP", "histogram", "</html>"}) {
+		INFO(part);
+		CHECK(html.find(part) != std::string::npos);
+	}
+	std::size_t pictures = 0;
+	for (std::size_t next = 0; (next = html.find("src=\"data:image/png;base64,", next)) != std::string::npos; ++next)
+		++pictures;
+	CHECK(pictures == 4);
+	for (const char* remote : {"http://", "https://", "<script", "<link", "@import"})
+		CHECK(html.find(remote) == std::string::npos);
+	CHECK(bench.rt("compare a.png c.png --html sizes.html").status == 3); // the two pictures, no difference
+	CHECK(bench.rt("compare a.png b.png --html -").status == 2);
+	CHECK(bench.rt("compare a.png b.png --html nowhere/page.html").status == 4);
 
 	const Outcome json = bench.rt("compare a.rtfilm b.rtfilm --json --hdr-flip");
 	const Json parsed = Json::parse(json.text);

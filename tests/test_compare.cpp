@@ -595,8 +595,12 @@ TEST_CASE("the metadata say whether a difference was to be expected")
 	fast_elsewhere[6].second = "another";
 	CHECK(expected(fast, fast) == Expectation::Same);
 	CHECK(expected(fast, fast_elsewhere) == Expectation::Different);
+	Provenance sobol = provenance; // a key that is written only where it is not the default
+	sobol.emplace_back("Sampler", "sobol");
+	CHECK(expected(provenance, sobol) == Expectation::Different);
+	CHECK(metadata_differences(provenance, sobol)[0].effect == KeyEffect::Image);
 	Provenance foreign = provenance;
-	foreign.emplace_back("Sampler", "sobol");
+	foreign.emplace_back("Spectrum", "hero wavelengths");
 	CHECK(expected(provenance, foreign) == Expectation::Different);
 	const auto differences = metadata_differences(provenance, foreign);
 	REQUIRE(differences.size() == 1);

@@ -146,15 +146,4 @@ Result<BenchRun> bench_scene(const std::string& scene_name, const RenderOptions&
 	return run;
 }
 
-PeakShare peak_share(const BenchRun& run, const DevicePeak& peak)
-{
-	PeakShare share;
-	share.tests_per_segment = run.stats.bvh ? 0 : static_cast<double>(run.spheres);
-	const double seconds = std::max(run.phase(BenchPhase::Launches).median, 1e-9);
-	share.operations_per_second =
-	    static_cast<double>(run.segments) * share.tests_per_segment * share.operations_per_test / seconds;
-	share.share = peak.fma_per_second > 0 ? share.operations_per_second / peak.fma_per_second : 0;
-	return share;
-}
-
 } // namespace rt

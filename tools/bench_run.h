@@ -64,17 +64,4 @@ Result<BenchDevice> open_bench_device(const RenderOptions& options,
 Result<BenchRun> bench_scene(const std::string& scene, const RenderOptions& options, const BenchDevice& device,
                              std::uint32_t repeats, const std::function<void(const std::string&)>& status);
 
-// How near a run came to a device's peak, by a model that is the same for every kernel: a ray-sphere test is 17 float
-// operations, 9 of them fma, if nothing is spent on accuracy, and a path segment tests every sphere (where a tree
-// spares most tests there is no such figure). All other work (random numbers, surfaces, materials, the film) counts as
-// nothing, and so does what makes our own test accurate: the figure is a lower bound of what the device was kept busy
-// with, and comparable between programs.
-struct PeakShare {
-	double operations_per_test = 17;
-	double tests_per_segment = 0; // 0: unknown, because there is a tree
-	double operations_per_second = 0;
-	double share = 0; // of the fma peak, an fma counted as one operation as a device issues it
-};
-PeakShare peak_share(const BenchRun& run, const DevicePeak& peak);
-
 } // namespace rt

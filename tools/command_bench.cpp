@@ -125,7 +125,8 @@ private:
 	{
 		RT_TRY_ASSIGN(const BenchRun run,
 		              bench_scene(options_.render.scene, options_.render, device_, options_.repeats, status));
-		const PeakShare share = peak_share(run, peak_);
+		const PeakShare share =
+		    peak_share(run.segments, run.spheres, run.stats.bvh, run.phase(BenchPhase::Launches).median, peak_);
 		Json json = run_facts();
 		json.update(measured_json(run));
 		json["scene_hash"] = run.scene_hash.hex();

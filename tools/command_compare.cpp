@@ -3,6 +3,7 @@
 #include "support/files.h"
 #include "tools/film_provenance.h"
 #include "tools/report.h"
+#include "verify/html_page.h"
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -299,6 +300,8 @@ public:
 		if (!options_.output.empty() && comparison.verdict != Verdict::DifferentSize &&
 		    (!options_.output_if_different || comparison.differing_pixels > 0))
 			RT_TRY(write_picture(a, b, picture_note, picture_json));
+		if (!options_.html.empty())
+			RT_TRY(write_file(options_.html, page(a, b, comparison)));
 		if (options_.json) {
 			Json json = comparison_json(a, b, comparison);
 			json["difference_image"] = picture_json;
@@ -312,6 +315,35 @@ public:
 	}
 
 private:
+	// The text for the terminal with the pictures beside it.
+	std::string page(const LoadedImage& a, const LoadedImage& b, const Comparison& comparison) const
+	{
+		const bool good = exit_status(comparison.verdict) <= 1;
+		std::string html =
+		    html_head("rt compare: " + std::string(name_of(comparison.verdict))) + "<h1>rt compare</h1>\n";
+		html +=
+		    fmt::format("<p class=\"verdict {}\">{}</p>\n", good ? "good" : "bad", html_escape(headline(comparison)));
+		for (const auto& [letter, image] : {std::pair("A", &a), std::pair("B", &b)})
+			html += html_picture(
+			    fmt::format("{}: {}", letter, image->name),
+			    encode_png(image->window.width, image->window.height, shown_rgb(*image), Transfer::Srgb, {}));
+		if (comparison.verdict != Verdict::DifferentSize) {
+			html += difference(difference_picture(a, b, options_.scale), "|A - B|");
+			if (options_.settings.flip)
+				html += difference(flip_picture(a, b, {}), "FLIP, white: 1");
+		}
+		html += fmt::format("<pre>{}</pre>\n", html_escape(comparison_text(a, b, comparison)));
+		return html + html_end;
+	}
+
+	static std::string difference(const Result<DifferencePicture>& picture, const std::string& what)
+	{
+		if (!picture)
+			return html_picture(what, picture.error());
+		return html_picture(picture->scale == 1 ? what : fmt::format("{} x {:.6g}", what, picture->scale),
+		                    encode_png(picture->width, picture->height, picture->rgb, Transfer::Linear, {}));
+	}
+
 	Status write_picture(const LoadedImage& a, const LoadedImage& b, std::string& note, Json& json) const
 	{
 		const bool flip = options_.settings.by_flip;

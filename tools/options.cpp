@@ -606,6 +606,7 @@ Result<CommandLine> parse_compare(std::vector<std::string> arguments)
 	output(app.add_flag("--od", options.output_if_different, "write it only if there is a difference"));
 	output(app.add_option("--scale", scale, "times X (so that the largest difference is white)")->type_name("X"));
 	output(app.add_flag("--abs", absolute, "for idiff's sake: differences are always absolute"));
+	app.add_option("--html", options.html, "the report and the pictures as one page")->type_name("FILE");
 	app.add_flag("--hdr-flip", options.settings.hdr_flip, "HDR-FLIP too, over many exposures: takes its time");
 	app.add_flag("--no-flip", no_flip, "leave FLIP out");
 	app.add_flag("--json", options.json, "for programs");
@@ -622,6 +623,8 @@ Result<CommandLine> parse_compare(std::vector<std::string> arguments)
 	RT_TRY(check_tolerance(fail, "fail", options.settings.fail));
 	RT_TRY(check_tolerance(warn, "warn", options.settings.warn));
 	RT_TRY_ASSIGN(options.scale, parse_positive("-scale", scale));
+	if (options.html == "-")
+		return usage("the page cannot go to standard output", "name a file: --html report.html");
 	if (!options.output.empty()) {
 		RT_TRY_ASSIGN(const ImageFormat format, image_format_of(options.output));
 		if (format != ImageFormat::Png)

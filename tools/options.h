@@ -68,6 +68,7 @@ struct CompareOptions {
 	std::string a, b;
 	CompareSettings settings;
 	std::string output; // of the difference image; empty: none
+	std::string html;   // the report with pictures; empty: none
 	bool output_if_different = false;
 	std::optional<double> scale;
 	bool json = false, quiet = false;

@@ -1,57 +1,17 @@
-// The report as one HTML file: style and pictures inside, no script, nothing fetched.
 #include "verify/verify_report.h"
 
 #include "render/compare.h"
 #include "render/image_file.h"
 #include "render/image_read.h"
-#include "support/base64.h"
+#include "verify/html_page.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <string_view>
 
 namespace rt {
 
 namespace {
-
-std::string escape(std::string_view text)
-{
-	std::string out;
-	for (const char c : text)
-		switch (c) {
-		case '&':
-			out += "&amp;";
-			break;
-		case '<':
-			out += "&lt;";
-			break;
-		case '>':
-			out += "&gt;";
-			break;
-		case '"':
-			out += "&quot;";
-			break;
-		default:
-			out += c;
-		}
-	return out;
-}
-
-constexpr const char* style = R"(
-:root { color-scheme: light dark; --line: #8886; --good: #1a7f37; --bad: #cf222e; --odd: #9a6700; }
-@media (prefers-color-scheme: dark) { :root { --good: #3fb950; --bad: #f85149; --odd: #d29922; } }
-body { font: 15px/1.45 system-ui, sans-serif; max-width: 72em; margin: 2em auto; padding: 0 1em; }
-h1 { font-size: 1.5em; } h2 { font-size: 1.15em; margin-top: 2em; }
-table { border-collapse: collapse; } th, td { border: 1px solid var(--line); padding: .25em .6em; text-align: left;
-	vertical-align: top; } td.number { text-align: right; font-variant-numeric: tabular-nums; }
-thead th { background: #8882; } .scroll { overflow-x: auto; }
-.good { color: var(--good); } .bad { color: var(--bad); font-weight: 600; } .odd { color: var(--odd); }
-.verdict { padding: .6em 1em; border: 2px solid currentColor; border-radius: .4em; font-size: 1.2em; }
-code, .hash { font: .86em ui-monospace, monospace; overflow-wrap: anywhere; }
-figure { display: inline-block; margin: 0 1em 1em 0; } figcaption { font-size: .85em; max-width: 16em; }
-img { width: 15em; image-rendering: pixelated; border: 1px solid var(--line); display: block; }
-)";
 
 class HtmlReport {
 public:
@@ -70,7 +30,7 @@ public:
 			pictures();
 		}
 		surroundings();
-		out_ += "</body></html>\n";
+		out_ += html_end;
 		return std::move(out_);
 	}
 
@@ -83,7 +43,7 @@ private:
 	}
 	void row_of(const char* name, const std::string& value)
 	{
-		out_ += fmt::format("<tr><th>{}</th><td>{}</td></tr>\n", name, escape(value));
+		out_ += fmt::format("<tr><th>{}</th><td>{}</td></tr>\n", name, html_escape(value));
 	}
 
 	// A heading for each device.
@@ -91,8 +51,8 @@ private:
 	{
 		out_ += fmt::format("<div class=\"scroll\"><table><thead><tr><th>{}</th>", first);
 		for (const VerifiedDevice& device : list())
-			out_ += fmt::format("<th>{}: {} <small>({})</small></th>", device.index, escape(device.info.name),
-			                    escape(device.info.backend));
+			out_ += fmt::format("<th>{}: {} <small>({})</small></th>", device.index, html_escape(device.info.name),
+			                    html_escape(device.info.backend));
 		out_ += "</tr></thead><tbody>\n";
 	}
 	void end_table() { out_ += "</tbody></table></div>\n"; }
@@ -103,10 +63,7 @@ private:
 		const auto passed =
 		    std::count_if(list().begin(), list().end(), [](const auto& device) { return device.passed(); });
 		const bool all = tested_.passed();
-		out_ +=
-		    fmt::format("<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" "
-		                "content=\"width=device-width\"><title>rt verify: {}</title><style>{}</style></head><body>\n",
-		                all ? "passed" : "FAILED", style);
+		out_ += html_head(all ? "rt verify: passed" : "rt verify: FAILED");
 		out_ += "<h1>rt verify</h1>\n";
 		out_ += fmt::format("<p class=\"verdict {}\">{}: {} of {} devices keep the numeric contract</p>\n",
 		                    all ? "good" : "bad", all ? "Passed" : "Failed", passed, list().size());
@@ -129,8 +86,8 @@ private:
 			out_ += "<tr>";
 			cell(std::to_string(device.index), "number");
 			for (const std::string& text : {info.backend, info.name, info.platform, info.driver, info.compiler})
-				cell(escape(text));
-			cell(device.passed() ? "passed" : "failed: " + escape(device.first_failure()),
+				cell(html_escape(text));
+			cell(device.passed() ? "passed" : "failed: " + html_escape(device.first_failure()),
 			     device.passed() ? "good" : "bad");
 			out_ += "</tr>\n";
 		}
@@ -138,10 +95,11 @@ private:
 		out_ += "<ul>\n";
 		for (std::size_t i = 0; i < report_.found.devices.size(); ++i)
 			if (const DeviceInfo& info = report_.found.devices[i]; !info.usable)
-				out_ += fmt::format("<li>{} ({}, {}): unusable, {}</li>\n", escape(info.name), i, escape(info.backend),
-				                    escape(info.why_not));
+				out_ += fmt::format("<li>{} ({}, {}): unusable, {}</li>\n", html_escape(info.name), i,
+				                    html_escape(info.backend), html_escape(info.why_not));
 		for (const Absence& absence : report_.found.absences)
-			out_ += fmt::format("<li>missing: {}: {}</li>\n", escape(absence.backend), escape(absence.reason));
+			out_ +=
+			    fmt::format("<li>missing: {}: {}</li>\n", html_escape(absence.backend), html_escape(absence.reason));
 		out_ += "</ul>\n";
 	}
 
@@ -151,8 +109,8 @@ private:
 			return;
 		out_ += "<h2>Odd</h2>\n<ul>\n";
 		for (const Oddity& oddity : report_.odd)
-			out_ += fmt::format("<li><span class=\"odd\">{}</span><br>{}</li>\n", escape(oddity.headline()),
-			                    escape(oddity.meaning));
+			out_ += fmt::format("<li><span class=\"odd\">{}</span><br>{}</li>\n", html_escape(oddity.headline()),
+			                    html_escape(oddity.meaning));
 		out_ += "</ul>\n";
 	}
 
@@ -166,7 +124,7 @@ private:
 		});
 		const std::size_t items = longest == list().end() ? 0 : longest->probe.items.size();
 		for (std::size_t i = 0; i < items; ++i) {
-			out_ += fmt::format("<tr><th>{}</th>", escape(longest->probe.items[i].name));
+			out_ += fmt::format("<tr><th>{}</th>", html_escape(longest->probe.items[i].name));
 			for (const VerifiedDevice& device : list()) {
 				if (i >= device.probe.items.size()) {
 					cell("not tested", "bad");
@@ -177,7 +135,7 @@ private:
 					cell("right", "good");
 				else
 					cell(fmt::format("{}: {}", item.required ? "WRONG" : "differs, which is allowed",
-					                 escape(item.detail)),
+					                 html_escape(item.detail)),
 					     item.required ? "bad" : "odd");
 			}
 			out_ += "</tr>\n";
@@ -185,7 +143,7 @@ private:
 		out_ += "<tr><th>square root, reciprocal: whose</th>";
 		for (const VerifiedDevice& device : list())
 			cell(device.probe.needs_software_roots
-			         ? "ours, because the device's is wrong: " + escape(device.probe.native_roots_failure)
+			         ? "ours, because the device's is wrong: " + html_escape(device.probe.native_roots_failure)
 			     : device.info.hardware_seeds ? "ours, from the hardware's approximation"
 			                                  : "the device's own",
 			     device.probe.needs_software_roots ? "odd" : "");
@@ -199,9 +157,9 @@ private:
 
 	void log(const std::string& name, const std::string& message, const std::string& text)
 	{
-		out_ += fmt::format("<p class=\"bad\">{}: {}</p>\n", escape(name), escape(message));
+		out_ += fmt::format("<p class=\"bad\">{}: {}</p>\n", html_escape(name), html_escape(message));
 		if (!text.empty())
-			out_ += fmt::format("<pre>{}</pre>\n", escape(text));
+			out_ += fmt::format("<pre>{}</pre>\n", html_escape(text));
 	}
 
 	void films()
@@ -210,7 +168,7 @@ private:
 		device_heads("scene");
 		for (std::size_t scene = 0; scene < tested_.scenes.size(); ++scene) {
 			out_ += fmt::format("<tr><th>{}<br><small>{}</small><br><span class=\"hash\">{}</span></th>",
-			                    escape(tested_.scenes[scene].name), settings_text(tested_.scenes[scene]),
+			                    html_escape(tested_.scenes[scene].name), settings_text(tested_.scenes[scene]),
 			                    tested_.scenes[scene].film);
 			for (const VerifiedDevice& device : list())
 				film_cell(device, scene);
@@ -227,9 +185,9 @@ private:
 			if (film.scene != scene)
 				continue;
 			good = good && film.passed;
-			text +=
-			    fmt::format("{}{}: {}", text.empty() ? "" : "<br>", variant_name(film.variant),
-			                film.passed ? "same" : "<span class=\"hash\">" + film.film + "</span> " + escape(film.why));
+			text += fmt::format("{}{}: {}", text.empty() ? "" : "<br>", variant_name(film.variant),
+			                    film.passed ? "same"
+			                                : "<span class=\"hash\">" + film.film + "</span> " + html_escape(film.why));
 		}
 		cell(text.empty() ? "not rendered" : text, text.empty() || !good ? "bad" : "good");
 	}
@@ -260,16 +218,16 @@ private:
 		for (const VerifiedDevice& device : list()) {
 			out_ += "<tr>";
 			cell(std::to_string(device.index), "number");
-			cell(escape(device.info.name));
+			cell(html_escape(device.info.name));
 			if (const auto& speed = device.speed) {
-				cell(fmt::format("{} {}x{}, {} samples, {:.2f} s", escape(speed->scene), speed->width, speed->height,
-				                 speed->samples, speed->seconds));
+				cell(fmt::format("{} {}x{}, {} samples, {:.2f} s", html_escape(speed->scene), speed->width,
+				                 speed->height, speed->samples, speed->seconds));
 				cell(fmt::format("{:.3g} M", speed->rays_per_second / 1e6), "number");
 				cell(fmt::format("{:.3g} M", speed->samples_per_second / 1e6), "number");
 				cell(speed->share_of_peak ? fmt::format("{:.1f} %", *speed->share_of_peak * 100) : "not measured",
 				     "number");
 			} else
-				cell(escape(device.speed_error.empty() ? "not measured" : device.speed_error));
+				cell(html_escape(device.speed_error.empty() ? "not measured" : device.speed_error));
 			out_ += "</tr>\n";
 		}
 		end_table();
@@ -279,13 +237,7 @@ private:
 
 	void picture(const std::string& caption, const Result<std::vector<std::uint8_t>>& png)
 	{
-		if (png)
-			out_ +=
-			    fmt::format("<figure><img alt=\"{0}\" src=\"data:image/png;base64,{1}\"><figcaption>{0}</figcaption>"
-			                "</figure>\n",
-			                escape(caption), to_base64(png->data(), png->size()));
-		else
-			out_ += fmt::format("<p class=\"bad\">{}: {}</p>\n", escape(caption), escape(png.error().message));
+		out_ += html_picture(caption, png);
 	}
 
 	void film_picture(const std::string& caption, const Film& film)
@@ -344,7 +296,7 @@ private:
 	{
 		out_ += "<h2>Environment</h2>\n<p>Variables that change devices, arithmetic or rt's files:</p>\n<ul>\n";
 		for (const auto& [name, value] : report_.environment)
-			out_ += fmt::format("<li><code>{}={}</code></li>\n", escape(name), escape(value));
+			out_ += fmt::format("<li><code>{}={}</code></li>\n", html_escape(name), html_escape(value));
 		if (report_.environment.empty())
 			out_ += "<li>none is set</li>\n";
 		out_ += "</ul>\n";

@@ -1,5 +1,7 @@
 #include "verify/verification.h"
 
+#include "render/peak.h"
+
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -250,6 +252,15 @@ private:
 				speed.seconds = seconds;
 				speed.rays_per_second = double(rendered->film.segments) / seconds;
 				speed.samples_per_second = double(rendered->film.pixels()) * scene.samples / seconds;
+				// An interpreter would take minutes for the probe, and nobody asks how near it comes.
+				if (!verified.info.only_if_named) {
+					tell("peak of " + verified.info.name);
+					if (const Result<DevicePeak> peak = measure_peak(*device))
+						speed.share_of_peak =
+						    peak_share(rendered->film.segments, packed->spheres.size(), rendered->devices.front().bvh,
+						               rendered->devices.front().launch_seconds, *peak)
+						        .share;
+				}
 				verified.speed = speed;
 				return;
 			}

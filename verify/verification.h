@@ -54,7 +54,7 @@ struct DeviceSpeed {
 	std::uint32_t width = 0, height = 0, samples = 0;
 	double seconds = 0;
 	double rays_per_second = 0, samples_per_second = 0; // a ray is a segment of a path
-	std::optional<double> share_of_peak;                // of the device's measured float peak
+	std::optional<double> share_of_peak;                // of the device's measured float peak (render/peak.h)
 };
 
 struct VerifiedDevice {

@@ -1,8 +1,9 @@
-// staging.h: reading device memory through page-locked memory, into which drivers copy several times as fast as into
-// pages that they must lock first. One half is looked at while the driver fills the other.
+// staging.h: reading and writing device memory through page-locked memory, with which drivers copy several times as
+// fast as with pages that they must lock first. The host has one half while the driver has the other.
 #pragma once
 
 #include "support/result.h"
+#include "support/thread_pool.h"
 
 #include <algorithm>
 #include <cstddef>
@@ -30,6 +31,25 @@ Status read_through_staging(std::uint8_t* staging, std::size_t bytes, const Star
 		take(staging + half * staging_bytes, first, length(first));
 	}
 	return success();
+}
+
+// As above, the other way: start(source, first, count) begins to copy into the buffer.
+template <class Start, class Wait>
+Status write_through_staging(std::uint8_t* staging, const void* data, std::size_t bytes, const Start& start,
+                             const Wait& wait)
+{
+	constexpr std::uint64_t copied_at_once = std::uint64_t(1) << 18;
+	for (std::size_t first = 0, half = 0; first < bytes; first += staging_bytes, half = 1 - half) {
+		const std::size_t count = std::min(staging_bytes, bytes - first);
+		std::uint8_t* const target = staging + half * staging_bytes;
+		// By several threads: one alone fills memory more slowly than the driver empties it.
+		parallel_for(count, copied_at_once, [&](std::uint64_t begin, std::uint64_t end) {
+			std::memcpy(target + begin, static_cast<const std::uint8_t*>(data) + first + begin, end - begin);
+		});
+		RT_TRY(wait()); // for the other half
+		RT_TRY(start(target, first, count));
+	}
+	return wait();
 }
 
 // A TakePiece that puts the pieces together again.

@@ -2,6 +2,7 @@
 // and single correctly rounded operations, so every machine makes the same cloud and any sphere can be made alone.
 #include "render/scene.h"
 #include "render/scene_ranges.h"
+#include "support/memory.h"
 
 #include <fmt/format.h>
 
@@ -41,15 +42,31 @@ std::uint64_t cube_root_12_bits(std::uint64_t n)
 // volumes a tenth of the cube's (overlaps counted twice), so clouds of all sizes look equally dense.
 constexpr double mean_radius_of_one = 0.555;
 
+// What a render takes at its peak, tree and all; 10^7 spheres were measured to take 149 (docs/performance.md).
+constexpr double host_bytes_a_sphere = 150;
+
 } // namespace
 
 Result<Scene> make_cloud(std::uint64_t count)
 {
+	const auto gibibytes = [](std::uint64_t spheres) {
+		return static_cast<double>(spheres) * host_bytes_a_sphere / 0x1p30;
+	};
 	if (count < 1 || count > max_spheres)
 		return Error{ErrorKind::InputOutput,
-		             fmt::format("a cloud of {} spheres cannot be made", count),
+		             fmt::format("a cloud of {} spheres cannot be made: a scene has at most {}, which take about "
+		                         "{:.1f} GiB of host memory",
+		                         count, max_spheres, gibibytes(max_spheres)),
 		             fmt::format("cloud-{}", count),
 		             fmt::format("ask for 1 to {} spheres", max_spheres),
+		             {}};
+	if (const std::uint64_t free = available_host_bytes();
+	    free && gibibytes(count) * 0x1p30 > static_cast<double>(free))
+		return Error{ErrorKind::Memory,
+		             fmt::format("a cloud of {} spheres takes about {:.1f} GiB of host memory and {:.1f} GiB are free",
+		                         count, gibibytes(count), static_cast<double>(free) / 0x1p30),
+		             fmt::format("cloud-{}", count),
+		             "ask for fewer spheres",
 		             {}};
 	try {
 		Scene scene;

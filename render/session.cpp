@@ -4,13 +4,13 @@
 #include "common/rt_features.h"
 #include "render/bvh.h"
 #include "support/hash.h"
+#include "support/memory.h"
 #include "support/thread_pool.h"
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <fmt/format.h>
-#include <fstream>
 #include <map>
 #include <mutex>
 #include <optional>
@@ -36,9 +36,12 @@ constexpr std::uint64_t threads_a_compute_unit = 2048, launch_fills = 1;
 constexpr std::uint32_t max_slices = 32;
 // Spheres and boxes that a ray tries in a tree, roughly.
 constexpr std::size_t typical_visits = 64;
-// From so many spheres on a tree is faster than trying them all (measured: docs/performance.md).
-constexpr std::size_t min_bvh_spheres_one_lane = 24;
-constexpr std::size_t min_bvh_spheres_lanes = 48;
+constexpr std::uint32_t widest_lanes = 16;
+// From so many spheres on a tree is faster than trying them all (docs/performance.md, tools/bench_crossover): 8 to 20
+// with one lane on a processor, 20 to 33 with eight. On a GPU it was not measured, so programs with few spheres
+// unrolled stay without one.
+constexpr std::size_t min_bvh_spheres_one_lane = RT_MAX_FEW_SPHERES + 1;
+constexpr std::size_t min_bvh_spheres_lanes = 32;
 
 std::uint32_t page_rows(const PackedScene& packed, std::uint64_t max_alloc_bytes)
 {
@@ -53,16 +56,6 @@ std::uint32_t page_rows(const PackedScene& packed, std::uint64_t max_alloc_bytes
 std::uint32_t lanes_of(const DeviceInfo& device, const SessionOptions& options)
 {
 	return options.lanes ? options.lanes : lanes_for(device, options.precision);
-}
-
-std::uint64_t available_host_bytes()
-{
-	std::ifstream file("/proc/meminfo");
-	std::string key, unit;
-	for (std::uint64_t kilobytes; file >> key >> kilobytes; std::getline(file, unit))
-		if (key == "MemAvailable:")
-			return kilobytes * 1024;
-	return 0; // unknown
 }
 
 // ---- the work of one page: rows x samples, handed out in launches ----
@@ -445,10 +438,10 @@ Status check_memory(const PackedScene& packed, const std::vector<DeviceHandle>& 
 	const std::uint64_t host = host_bytes_needed(packed), free_host = available_host_bytes();
 	if (free_host && host > free_host)
 		return Error{ErrorKind::Memory,
-		             fmt::format("the film needs {:.0f} MiB of host memory and {:.0f} MiB are free",
+		             fmt::format("the render needs {:.0f} MiB of host memory and {:.0f} MiB are free",
 		                         double(host) / mebibyte, double(free_host) / mebibyte),
 		             {},
-		             "render a smaller image, or parts of it with --crop",
+		             "render a smaller image, parts of it with --crop, or a smaller scene",
 		             {}};
 	const std::uint64_t needed = device_bytes_needed(packed);
 	for (const DeviceHandle& device : devices)
@@ -514,7 +507,13 @@ std::uint64_t host_bytes_needed(const PackedScene& packed)
 {
 	const std::uint64_t pixels = std::uint64_t(packed.scene.window_width) * packed.scene.window_height;
 	// Three sums and a count in the film, and about as much again while it is encoded.
-	return pixels * (3 * sizeof(std::int64_t) + sizeof(std::uint32_t)) * 2;
+	std::uint64_t bytes = pixels * (3 * sizeof(std::int64_t) + sizeof(std::uint32_t)) * 2;
+	// A second copy of the scene, with the tree; what is being sorted is smaller than the copy that follows it.
+	if (wants_bvh(packed, 1, Acceleration::Auto)) {
+		const std::size_t listed = packed.spheres.size() - packed.wide.size();
+		bytes += packed.bytes() + std::max(bvh_bytes_needed(listed, 1), bvh_bytes_needed(listed, widest_lanes));
+	}
+	return bytes;
 }
 
 Result<SessionResult> render_scene(const PackedScene& packed, const std::vector<DeviceHandle>& devices,

@@ -165,6 +165,10 @@ TEST_CASE("clouds are named by their number")
 		CHECK(file.error().kind == ErrorKind::InputOutput);
 		CHECK_FALSE(file.error().cure.empty());
 	}
+	const Result<SceneFile> large = open_scene("cloud-1e8");
+	REQUIRE_FALSE(large);
+	CHECK(contains(large.error().message, "67108864"));
+	CHECK(contains(large.error().message, "GiB"));
 }
 
 TEST_CASE("a cloud is the same on every machine")

@@ -1,9 +1,14 @@
 #!/usr/bin/env python3
 """Makes docs/performance.md and its plots from the results in docs/performance.json.
 
-    tools/plot_performance.py --add FILE...    takes up results of `rt bench --json`, with or without --sweep, and of
-                                               `tools/bench_peers --json`, in the place of older ones of the same
-                                               device and kind; then makes page and plots
+    tools/plot_performance.py --add FILE...    takes up results of `rt bench --json`, with or without --sweep, of
+                                               `tools/bench_peers --json`, `tools/bench_crossover --json` and
+                                               `tools/measure_mean --json`, and the text of build/tools/measure_rungs,
+                                               in the place of older ones of the same device and kind; then makes
+                                               page and plots
+    tools/plot_performance.py --profile FILE DATE DEVICE WHAT
+                                               takes up the text of Nsight Compute (ncu --set full) about one launch;
+                                               WHAT says of what
     tools/plot_performance.py                  makes page and plots
     tools/plot_performance.py --check          is the page what the results say? (without plots, so no matplotlib)
 
@@ -11,7 +16,9 @@ Needs matplotlib for the plots.
 """
 
 import argparse
+import datetime
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -33,6 +40,19 @@ POINT_KEYS = ("x", "scene", "spheres", "width", "height", "samples", "max_depth"
 BENCH_KEYS = ("scene", "spheres", "width", "height", "samples", "max_depth", "load_seconds", "pack_seconds", "first",
               "phases", "render_seconds", "samples_per_second", "segments_per_second", "segments_rendered", "launches",
               "lanes", "bvh", "build", "model", "peak", "film_hash", "seconds")
+KINDS = {"peers": [], "sweeps": [], "benches": [], "rungs": [], "crossovers": [], "means": [], "profiles": [],
+         "steps": []}  # steps are written by hand: what, before, after, where, date
+# What is said of a profiled launch: Nsight Compute's name, ours, and the unit.
+METRICS = (("Duration", "duration", " us"), ("Executed Instructions", "warp instructions", ""),
+           ("Issue Slots Busy", "issue slots busy", " %"),
+           ("Avg. Active Threads Per Warp", "active lanes of a warp's 32", ""),
+           ("Avg. Not Predicated Off Threads Per Warp", "of which not predicated off", ""),
+           ("Branch Efficiency", "branches that the whole warp takes alike", " %"),
+           ("Eligible Warps Per Scheduler", "warps ready to issue, a scheduler", ""),
+           ("Registers Per Thread", "registers a work-item", ""),
+           ("Theoretical Occupancy", "occupancy that registers allow", " %"),
+           ("Achieved Occupancy", "occupancy achieved", " %"),
+           ("Local Memory Spilling Requests", "spills", ""), ("L1/TEX Hit Rate", "L1 hits", " %"))
 FACTS = ("version", "revision", "contract", "precision", "date", "threads", "repeats")
 
 
@@ -41,8 +61,8 @@ FACTS = ("version", "revision", "contract", "precision", "date", "threads", "rep
 
 def load_results():
     if not RESULTS.exists():
-        return {"peers": [], "sweeps": [], "benches": []}
-    return json.loads(RESULTS.read_text())
+        return dict(KINDS)
+    return {**KINDS, **json.loads(RESULTS.read_text())}
 
 
 def device_of(document):
@@ -70,14 +90,51 @@ def add(results, document, path):
         entry = {**picked(document, FACTS), "device": device_of(document), **sweep}
         replace(results["sweeps"], entry, lambda other: (other["of"], other["device"]["backend"],
                                                          other["device"]["name"], other["precision"]))
+    elif "crossover" in document:
+        entry = {**document, "device": device_of(document)}
+        replace(results["crossovers"], entry, lambda other: (other["device"]["backend"], other["device"]["name"]))
+    elif "mean" in document:
+        replace(results["means"], {"date": document["date"], **document["mean"]},
+                lambda other: (other["scene"], other["backend"]))
     elif "phases" in document:
+        document.setdefault("precision", "exact")  # results from before there was another
         entry = {**picked(document, FACTS), "device": device_of(document), **picked(document, BENCH_KEYS)}
         entry["build"] = picked(entry["build"], ("from_cache", "embedded", "variant", "kernels"))
         replace(results["benches"], entry,
                 lambda other: (other["scene"], other["width"], other["device"]["backend"], other["device"]["name"],
                                other["precision"]))
     else:
-        sys.exit(f"plot_performance: {path} is no result of rt bench or of tools/bench_peers")
+        sys.exit(f"plot_performance: {path} is no result that is known")
+
+
+def add_rungs(results, text, path, date):
+    """Tables of build/tools/measure_rungs; what a terminal was shown before them goes away."""
+    head = re.compile(r"(\S+), (\d+x\d+), (\d+) samples a pixel, (.*) \((\w+)\), (\d+) rounds, differences from")
+    entry = None
+    for line in re.split(r"[\r\n]", text):
+        line = re.sub(r"\x1b\[K", "", line)
+        if match := head.search(line):
+            entry = {"scene": match[1], "size": match[2], "samples": int(match[3]), "device": match[4],
+                     "backend": match[5], "rounds": int(match[6]), "date": date, "of_exact": {}}
+            replace(results["rungs"], entry, lambda other: (other["backend"], other["device"], other["scene"]))
+        elif entry and (match := re.match(r"(exact|fast|double) +([\d.]+) +([\d.]+) ", line)):
+            entry["of_exact"][match[1]] = float(match[3])
+            if match[1] == "exact":
+                entry["seconds"] = float(match[2])
+    if not entry:
+        sys.exit(f"plot_performance: {path} is no result that is known")
+
+
+def add_profile(results, path, date, device, what):
+    metrics = {}
+    for line in Path(path).read_text().splitlines():
+        for name, _, _ in METRICS:
+            if match := re.match(rf" +{re.escape(name)} .*?([\d.,]+)$", line):
+                metrics.setdefault(name, float(match[1].replace(",", "")))
+    if not metrics:
+        sys.exit(f"plot_performance: {path} has none of Nsight Compute's tables")
+    replace(results["profiles"], {"date": date, "device": device, "what": what, "metrics": metrics},
+            lambda other: (other["device"], other["what"]))
 
 
 def replace(entries, entry, key):
@@ -88,16 +145,21 @@ def replace(entries, entry, key):
 # ---- targets --------------------------------------------------------------------------------------------------------
 
 
+class Measured(float):
+    """A figure that knows where it was measured."""
+
+    def __new__(cls, value, device, date):
+        self = super().__new__(cls, value)
+        self.where = f"{short_name(device)}, {date[:10]}"
+        return self
+
+
+def short_name(device):
+    return re.sub(r"^pthread-haswell-", "PoCL, ", device)
+
+
 class Unknown(Exception):
     """Why a target cannot be judged from the results."""
-
-
-def rows_of(results, case, own, device=None):
-    for entry in results["peers"]:
-        rows = {row["peer"]: row for row in entry["rows"] if "skipped" not in row}
-        if entry["case"] == case and own in rows:
-            return rows, entry
-    raise Unknown("not measured")
 
 
 def fastest(rows, peers):
@@ -125,7 +187,7 @@ def against(case, peers, own="rt cuda"):
                 continue
             mine = rows.get("rt cuda") if own == "rt cuda" else cpu_row(rows)
             if mine:
-                return fastest(rows, peers)["seconds"] / mine["seconds"]
+                return Measured(fastest(rows, peers)["seconds"] / mine["seconds"], entry["device"], entry["date"])
         raise Unknown("not measured")
     return figure
 
@@ -135,7 +197,8 @@ def opencl_against_cuda(results):
     for entry in results["peers"]:
         rows = {row["peer"]: row for row in entry["rows"] if "skipped" not in row}
         if "rt cuda" in rows and "rt opencl" in rows:
-            ratios.append(rows["rt opencl"]["seconds"] / rows["rt cuda"]["seconds"])
+            ratios.append(Measured(rows["rt opencl"]["seconds"] / rows["rt cuda"]["seconds"], entry["device"],
+                                   entry["date"]))
     if not ratios:
         raise Unknown("not measured")
     return max(ratios)
@@ -149,7 +212,7 @@ def error_time(case):
             mine = [row["error_time"] for row in rows if row["peer"].startswith("rt ")]
             others = [row["error_time"] for row in rows if not row["peer"].startswith("rt ")]
             if entry["case"] == case and not is_gpu(entry) and mine and others:
-                return min(others) / min(mine)
+                return Measured(min(others) / min(mine), entry["device"], entry["date"])
         raise Unknown("not measured")
     return figure
 
@@ -157,41 +220,47 @@ def error_time(case):
 def sweep_points(results, backends):
     for sweep in results["sweeps"]:
         if sweep["of"] == "spheres" and sweep["precision"] == "exact" and sweep["device"]["backend"] in backends:
-            return {point["x"]: point for point in sweep["points"]}
+            return {point["x"]: point for point in sweep["points"]}, sweep
     raise Unknown("not measured")
 
 
 def million_against_thousand(results):
-    points = sweep_points(results, ("cuda",))
+    points, sweep = sweep_points(results, ("cuda",))
     if 1e6 not in points:
         raise Unknown("a million spheres were not measured")
-    return points[1e6]["render_seconds"]["min"] / points[1e3]["render_seconds"]["min"]
+    return Measured(points[1e6]["render_seconds"]["min"] / points[1e3]["render_seconds"]["min"],
+                    sweep["device"]["name"], sweep["date"])
 
 
-def million_tree(results):
-    for backends in (("opencl", "reference"), ("cuda",)):
-        try:
-            points = sweep_points(results, backends)
-        except Unknown:
-            continue
-        if 1e6 in points:
-            return points[1e6]["bvh_seconds"]
-    raise Unknown("a million spheres were not measured")
+def million_tree_on_two(results):
+    points, sweep = sweep_points(results, ("opencl", "reference"))
+    if 1e6 not in points or sweep["threads"] != 2:
+        raise Unknown("a million spheres were not measured with two threads")
+    return Measured(points[1e6]["bvh_seconds"], sweep["device"]["name"], sweep["date"])
 
 
-def exact_against_fast(kind):
-    """The largest ratio among scenes that one device was measured with in both precisions."""
+def million_mean(results):
+    for entry in results["means"]:
+        if entry["scene"] == "cloud-1000000":
+            return Measured(abs(entry["relative_difference"]), entry["backend"], entry["date"])
+    raise Unknown("not measured")
+
+
+def exact_against_fast(backends):
+    """The largest ratio among scenes; both rungs were rendered in turn."""
     def figure(results):
-        times = {}
-        for entry in results["benches"]:
-            if (entry["device"]["backend"] == "cuda") == (kind == "cuda"):
-                key = (entry["scene"], entry["width"], entry["samples"], str(entry["device"]))
-                times.setdefault(key, {})[entry["precision"]] = entry["phases"]["launches"]["min"]
-        ratios = [both["exact"] / both["fast"] for both in times.values() if "exact" in both and "fast" in both]
+        ratios = [Measured(1 / entry["of_exact"]["fast"], entry["device"], entry["date"])
+                  for entry in results["rungs"] if entry["backend"] in backends and "fast" in entry["of_exact"]
+                  and is_processor(entry) == ("cuda" not in backends)]
         if not ratios:
             raise Unknown("not measured")
         return max(ratios)
     return figure
+
+
+def is_processor(rungs):
+    """OpenCL's GPUs share their backend with processors; they have CUDA's name too."""
+    return rungs["backend"] != "cuda" and not rungs["device"].startswith("NVIDIA")
 
 
 def unmeasured(why):
@@ -219,24 +288,55 @@ TARGETS = [
     (f"`{WEEKEND}`, processor, against Mitsuba llvm", 3, "at least", against(WEEKEND, LLVM, "processor")),
     (f"`{SMALL}`, processor, error x time of the best peer", 10, "at least", error_time(SMALL)),
     (f"`{WEEKEND}`, processor, error x time of the best peer", 10, "at least", error_time(WEEKEND)),
-    ("seconds to build the tree of 10^6 spheres", 1, "at most", million_tree),
+    ("seconds to build the tree of 10^6 spheres, two threads", 1, "at most", million_tree_on_two),
+    ("mean of `cloud-1000000` against the double rung, relative difference", 1e-4, "at most", million_mean),
     ("clouds against Cycles' point cloud", 2, "at least", unmeasured("no Cycles among the peers that are run")),
-    ("time of exact over fast, CUDA, worst case", 1.25, "at most", exact_against_fast("cuda")),
-    ("time of exact over fast, processor, worst case", 1.1, "at most", exact_against_fast("processor")),
+    ("time of exact over fast, CUDA, worst case", 1.25, "at most", exact_against_fast(("cuda",))),
+    ("time of exact over fast, processor, worst case", 1.1, "at most", exact_against_fast(("opencl", "reference"))),
 ]
 
 
 def verdicts(results):
-    lines = ["| what | target | measured | |", "|---|---|---|---|"]
+    lines = ["| what | target | measured | | on |", "|---|---|---|---|---|"]
     for what, bound, sense, figure in TARGETS:
         try:
             value = figure(results)
             reached = value >= bound if sense == "at least" else value <= bound
-            told, verdict = f"{value:.3g}", "reached" if reached else "**missed**"
+            told, verdict, where = f"{value:.3g}", "reached" if reached else "**missed**", value.where
         except Unknown as reason:
-            told, verdict = str(reason), ""
-        lines.append(f"| {what} | {sense} {bound} | {told} | {verdict} |")
+            told, verdict, where = str(reason), "", ""
+        lines.append(f"| {what} | {sense} {bound} | {told} | {verdict} | {where} |")
     return lines
+
+
+def launches_alone(results):
+    """Where a GPU's time goes, beside the peers: what rt bench says of the same scenes on the same device."""
+    rows = []
+    for entry in results["peers"]:
+        if not is_gpu(entry):
+            continue
+        scene, size, samples = entry["case"].split(":")
+        benches = [bench for bench in results["benches"]
+                   if (bench["scene"], f"{bench['width']}x{bench['height']}", str(bench["samples"]),
+                       bench["device"]["name"], bench["device"]["backend"], bench["precision"])
+                   == (scene, size, samples, entry["device"], "cuda", "exact")]
+        others = [row for row in entry["rows"] if "skipped" not in row and not row["peer"].startswith("rt ")]
+        mine = next(row for row in entry["rows"] if row["peer"] == "rt cuda")
+        if benches and others:
+            phases = benches[0]["phases"]
+            launches = phases["launches"]["min"]
+            rows.append((f"`{entry['case']}`", time_text(mine["seconds"]), time_text(launches),
+                         *(time_text(phases[key]["min"]) for key in ("upload", "read_back", "rest", "encode")),
+                         *("; ".join(f"{row['peer']} {row['seconds'] / time:.1f}" for row in others)
+                           for time in (mine["seconds"], launches))))
+    if not rows:
+        return []
+    head = ("case", "film, all in all", "launches", "upload", "read back", "rest", "PNG", "peers' time, of rt's film",
+            "of rt's launches")
+    return ["On a GPU the launches are a part only of a short render. All in all: as the peers are measured, from the",
+            "loaded scene to the film on the host, in the same run; the parts: `rt bench`, least of the repeats, same",
+            "day and device. *Rest* was the film's memory, which one thread cleared, and *PNG* stb_image_write's own",
+            "compression: both are shorter since (Steps), but no GPU has shown it yet.", "", *table(head, rows), ""]
 
 
 # ---- the page -------------------------------------------------------------------------------------------------------
@@ -338,6 +438,51 @@ def bench_text(entry):
     return lines
 
 
+def table(head, rows):
+    return ["| " + " | ".join(head) + " |", "|" + "---|" * len(head), *("| " + " | ".join(row) + " |" for row in rows)]
+
+
+def rungs_text(results):
+    rows = [(f"{short_name(entry['device'])} ({entry['backend']})",
+             f"{entry['scene']}, {entry['size']}, {entry['samples']} a pixel", time_text(entry["seconds"]),
+             *(f"{entry['of_exact'][rung]:.2f}" if rung in entry["of_exact"] else "" for rung in ("fast", "double")),
+             entry["date"]) for entry in results["rungs"]]
+    return ["## Rungs", "",
+            "The rungs in turn, again and again (`build/tools/measure_rungs`): the median ratio of times, of the exact",
+            "rung's. On a processor it is time on all cores that counts; on a GPU renders of a millisecond or two,",
+            "in which reading back counts too.", "",
+            *table(("device", "scene", "exact", "fast", "double", "date"), rows), ""]
+
+
+def crossovers_text(results):
+    lines = ["## Trees", "",
+             "From how many spheres on is a tree faster (`tools/bench_crossover`, clouds with and without one in turn)?",
+             "The ratio of times without and with a tree: above 1 the tree is faster. render/session.cpp holds the numbers",
+             "that rt goes by. Not measured on a GPU, where rt goes by those of one lane.", ""]
+    for entry in results["crossovers"]:
+        for lanes in entry["crossover"]:
+            points = lanes["points"]
+            name = f"{short_name(entry['device']['name'])} ({entry['device']['backend']}), {lanes['lanes']} lane"
+            lines += [f"{name}{'s' if lanes['lanes'] > 1 else ''}, {entry['date'][:10]}:", "",
+                      *table(["spheres"] + [str(point["spheres"]) for point in points],
+                             [["ratio"] + [f"{point['ratio']:.2f}" for point in points]]), ""]
+    return lines
+
+
+def profile_text(entry):
+    rows = [(told, f"{entry['metrics'][name]:,.4g}".replace(",", " ") + unit if entry["metrics"][name] < 1e5
+             else count_text(entry["metrics"][name])) for name, told, unit in METRICS if name in entry["metrics"]]
+    return [f"### A launch under Nsight Compute, {entry['device']}, {entry['date']}", "", f"{entry['what']}", "",
+            *table(("", ""), rows), ""]
+
+
+def steps_text(results):
+    return ["## Steps", "", "What was changed, or tried, and what it gave.", "",
+            *table(("what", "before", "after", "on", "date"),
+                   [tuple(step[key] for key in ("what", "before", "after", "where", "date"))
+                    for step in results["steps"]]), ""]
+
+
 def page(results):
     lines = ["# Performance", "",
              "<!-- Made by tools/plot_performance.py from docs/performance.json; do not edit. -->", "",
@@ -354,7 +499,7 @@ def page(results):
              "    tools/plot_performance.py --add weekend.json spheres.json cpu.json gpu.json", "",
              "The last command puts results into docs/performance.json and makes this page and its plots anew.",
              "`tools/count_instructions` is the part that CI runs: instructions of small renders, which do not depend",
-             "on what else a machine does.", "", "## Targets", "", *verdicts(results), ""]
+             "on what else a machine does.", "", "## Targets", "", *verdicts(results), "", *launches_alone(results)]
     if results["peers"]:
         lines += ["## Peers", "",
                   "Times are the least of some repeats, from a loaded scene to the film on the host. *First render*",
@@ -376,6 +521,20 @@ def page(results):
                   "and nothing for all the rest: it is a lower bound, and the same for every program.", ""]
         for entry in results["benches"]:
             lines += bench_text(entry)
+    for entry in results["profiles"]:
+        lines += profile_text(entry)
+    if results["crossovers"]:
+        lines += crossovers_text(results)
+    if results["rungs"]:
+        lines += rungs_text(results)
+    for entry in results["means"]:
+        lines += ["## Accuracy at many spheres", "",
+                  f"{entry['scene']}, {entry['size']}, {entry['samples']} samples a pixel on the {entry['backend']} "
+                  f"backend, {entry['date'][:10]} (`tools/measure_mean`): mean {entry['mean']:.6f} in the double rung;",
+                  f"exact differs by {entry['relative_difference']:+.1e} of it, standard error "
+                  f"{entry['standard_error']:.1e}.", ""]
+    if results["steps"]:
+        lines += steps_text(results)
     while lines[-1] == "":
         lines.pop()
     return "\n".join(lines) + "\n"
@@ -409,6 +568,8 @@ def plot(results):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--add", nargs="+", default=[], metavar="FILE", help="results to take up")
+    parser.add_argument("--date", default=datetime.date.today().isoformat(), help="of text that has none (today)")
+    parser.add_argument("--profile", nargs=4, metavar=("FILE", "DATE", "DEVICE", "WHAT"), help="a profile to take up")
     parser.add_argument("--check", action="store_true", help="only compare the page with the results")
     options = parser.parse_args()
     results = load_results()
@@ -418,7 +579,13 @@ def main():
                      "tools/plot_performance.py")
         return
     for path in options.add:
-        add(results, json.loads(Path(path).read_text()), path)
+        text = Path(path).read_text()
+        if text.lstrip().startswith("{"):
+            add(results, json.loads(text), path)
+        else:
+            add_rungs(results, text, path, options.date)
+    if options.profile:
+        add_profile(results, *options.profile)
     RESULTS.write_text(json.dumps(results, indent="\t") + "\n")
     PAGE.write_text(page(results))
     plot(results)

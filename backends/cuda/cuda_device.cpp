@@ -453,9 +453,14 @@ Status CudaDevice::write(const BufferHandle& buffer, std::size_t offset, const v
 		return success();
 	RT_TRY(context_->make_current());
 	// On our stream, behind the launches before it: the plain copy knows only the default stream.
-	RT_TRY(
-	    context_->check(context_->api().cuMemcpyHtoDAsync_v2(own->pointer() + offset, data, bytes, context_->stream()),
-	                    "cuMemcpyHtoDAsync"));
+	const auto start = [&](const void* source, std::size_t first, std::size_t count) {
+		return context_->check(
+		    context_->api().cuMemcpyHtoDAsync_v2(own->pointer() + offset + first, source, count, context_->stream()),
+		    "cuMemcpyHtoDAsync");
+	};
+	if (std::uint8_t* const staging = bytes >= min_staged_bytes ? context_->staging() : nullptr)
+		return write_through_staging(staging, data, bytes, start, [&] { return context_->synchronize(); });
+	RT_TRY(start(data, 0, bytes));
 	return context_->synchronize();
 }
 

@@ -204,9 +204,19 @@ public:
 		RT_TRY_ASSIGN(const OpenClBuffer* own, own_buffer(buffer, "write", offset, bytes));
 		if (bytes == 0)
 			return success();
-		const cl_int code =
-		    api_.EnqueueWriteBuffer(context_->queue, own->memory(), CL_TRUE, offset, bytes, data, 0, nullptr, nullptr);
-		return transferred("clEnqueueWriteBuffer", code, own->bytes());
+		const auto start = [&](const void* source, std::size_t first, std::size_t count, cl_bool blocking) {
+			const cl_int code = api_.EnqueueWriteBuffer(context_->queue, own->memory(), blocking, offset + first, count,
+			                                            source, 0, nullptr, nullptr);
+			return transferred("clEnqueueWriteBuffer", code, own->bytes());
+		};
+		if (std::uint8_t* const halves = bytes >= min_staged_bytes ? staging() : nullptr)
+			return write_through_staging(
+			    halves, data, bytes,
+			    [&](const void* source, std::size_t first, std::size_t count) {
+				    return start(source, first, count, CL_FALSE);
+			    },
+			    [&] { return wait(); });
+		return start(data, 0, bytes, CL_TRUE);
 	}
 
 	Status read(const BufferHandle& buffer, std::size_t offset, void* data, std::size_t bytes) override

@@ -18,6 +18,7 @@
 #define RT_EXHAUST_FILM 8u      /* radiance in [0, 2] to integer, scale 2^40 */
 #define RT_EXHAUST_TO_INT 9u    /* float to int of every |a| < 2^31 */
 #define RT_EXHAUST_TO_FLOAT 10u /* int to float of every int */
+#define RT_EXHAUST_ASIN 11u     /* of the heights of normals, as textures take it: atan2(a, sqrt(b^2 + c^2)) */
 
 typedef struct rt_operands {
 	rt_uint a, b, c;
@@ -59,6 +60,14 @@ RT_FN rt_operands rt_exhaust_operands(rt_u32 operation, rt_uint input)
 	else if (operation == RT_EXHAUST_RECIPROCAL) {
 		rt_uint size = input & 0x7fffffffu;
 		o.used = (size >= 0x0d800000u) & (size <= 0x71800000u); /* 2^-100 and 2^100 */
+	} else if (operation == RT_EXHAUST_ASIN) {
+		/* All three within [1, 2), or smaller by some powers of two: poles, equator and between. */
+		rt_uint x = rt_exhaust_shuffle(input + 0x2545f491u);
+		rt_uint y = rt_exhaust_shuffle(x ^ 0x6a09e667u);
+		rt_uint z = rt_exhaust_shuffle(y ^ 0xbb67ae85u);
+		o.a = rt_exhaust_number(x, rt_splat_u(0u - 12u), 13u);
+		o.b = rt_exhaust_number(y, rt_splat_u(0u - 12u), 13u);
+		o.c = rt_exhaust_number(z, rt_splat_u(0u - 12u), 13u);
 	} else if (operation == RT_EXHAUST_SINCOS)
 		o.a = rt_bits(rt_to_float(rt_to_int(input)) * 0x1p-24f);
 	else if (operation == RT_EXHAUST_TO_INT)
@@ -131,7 +140,10 @@ RT_KERNEL(rt_exhaust)
 			rt_sincos_turns(a, &first_result, &second_result);
 		else if (operation == RT_EXHAUST_ATAN2)
 			first_result = rt_atan2_turns(a, b);
-		else if (operation == RT_EXHAUST_TO_FLOAT)
+		else if (operation == RT_EXHAUST_ASIN) {
+			rt_float c = rt_from_bits(o.c);
+			first_result = rt_atan2_turns(a, rt_sqrt(rt_fma(b, b, c * c)));
+		} else if (operation == RT_EXHAUST_TO_FLOAT)
 			first_result = rt_to_float(rt_to_int(o.a));
 		x = rt_bits(first_result);
 		y = rt_bits(second_result);
@@ -172,13 +184,27 @@ RT_KERNEL(rt_exhaust)
 }
 
 /* What is counted of rays. */
-#define RT_EXHAUST_MET 0u          /* camera rays that met the sphere they were sent to */
-#define RT_EXHAUST_OUTWARD 1u      /* rays that left it outward from where they met it */
-#define RT_EXHAUST_REHITS 2u       /* and met it again: must be 0 */
-#define RT_EXHAUST_INWARD 3u       /* rays that left it inward */
-#define RT_EXHAUST_CHORD_FAULTS 4u /* and did not meet it at their chord's end and there alone: must be 0 */
-#define RT_EXHAUST_BOOK_REHITS 5u  /* outward rays that meet it again by the textbook's form: t > 1e-3 */
-#define RT_EXHAUST_COUNTERS 6u
+#define RT_EXHAUST_MET 0u           /* camera rays that met the sphere they were sent to */
+#define RT_EXHAUST_OUTWARD 1u       /* rays that left it outward from where they met it */
+#define RT_EXHAUST_REHITS 2u        /* and met it again: must be 0 */
+#define RT_EXHAUST_INWARD 3u        /* rays that left it inward */
+#define RT_EXHAUST_CHORD_FAULTS 4u  /* and did not meet it at their chord's end and there alone: must be 0 */
+#define RT_EXHAUST_BOOK_REHITS 5u   /* outward rays that meet it again by the textbook's form: t > 1e-3 */
+#define RT_EXHAUST_LENGTH_FAULTS 6u /* normals and directions whose |v|^2 is off 1 by more than 4 ulp: must be 0 */
+#define RT_EXHAUST_BITS 7u          /* a sum of hashes of all normals and directions: the same on every device */
+#define RT_EXHAUST_COUNTERS 8u
+
+/* Is |v|^2 off 1 by more than 4 ulp? NaN is. */
+RT_FN rt_mask rt_exhaust_wrong_length(rt_vec3 v)
+{
+	rt_float off = rt_abs(v3_dot(v, v) - 1.0f);
+	return rt_not(off <= rt_splat(0x1p-21f));
+}
+
+RT_FN rt_uint rt_exhaust_mix_vector(rt_uint hash, rt_vec3 v)
+{
+	return rt_exhaust_mix(rt_exhaust_mix(rt_exhaust_mix(hash, rt_bits(v.x)), rt_bits(v.y)), rt_bits(v.z));
+}
 
 /* Does a ray from `point` along `dir` meet the sphere by b^2 - 4ac and epsilon 1e-3? The control. */
 RT_FN rt_mask rt_exhaust_textbook(rt_vec3 center, rt_float radius, rt_vec3 point, rt_vec3 dir)
@@ -211,7 +237,7 @@ RT_KERNEL(rt_exhaust_rays)
 	rt_float zero = rt_splat(0.0f);
 	rt_uint none = rt_splat_u(0u), one = rt_splat_u(1u);
 	rt_uint met_count = none, outward_count = none, rehits = none, inward_count = none, chord_faults = none;
-	rt_uint book_rehits = none;
+	rt_uint book_rehits = none, length_faults = none, bits = none;
 	rt_scene scene;
 	rt_scene_view view;
 	rt_few_spheres few;
@@ -269,6 +295,10 @@ RT_KERNEL(rt_exhaust_rays)
 		rt_mask outward = met & rt_not(inward);
 		rt_mask by_book =
 		    rt_exhaust_textbook(center, radius, v3_fma(hit.t, ray.dir, v3_splat(0.0f, 0.0f, 0.0f)), leaving.dir);
+		rt_mask wrong_length = rt_exhaust_wrong_length(ray.dir) | rt_exhaust_wrong_length(surface.normal) |
+		                       rt_exhaust_wrong_length(leaving.dir);
+		length_faults += rt_sel(met & wrong_length, one, none);
+		bits += rt_sel(met, rt_exhaust_mix_vector(rt_exhaust_mix_vector(none, surface.normal), leaving.dir), none);
 		met_count += rt_sel(met, one, none);
 		outward_count += rt_sel(outward, one, none);
 		rehits += rt_sel(outward & meets, one, none);
@@ -284,6 +314,8 @@ RT_KERNEL(rt_exhaust_rays)
 	rt_store_u(inward_count, words[RT_EXHAUST_INWARD]);
 	rt_store_u(chord_faults, words[RT_EXHAUST_CHORD_FAULTS]);
 	rt_store_u(book_rehits, words[RT_EXHAUST_BOOK_REHITS]);
+	rt_store_u(length_faults, words[RT_EXHAUST_LENGTH_FAULTS]);
+	rt_store_u(bits, words[RT_EXHAUST_BITS]);
 	for (rt_u32 lane = 0u; lane < RT_LANES; ++lane)
 		if (ids[lane] < count)
 			for (rt_u32 k = 0u; k < RT_EXHAUST_COUNTERS; ++k)

@@ -79,8 +79,8 @@ TEST_CASE("rules 4, 13, 15 and 16: a stride through all inputs finds no wrong re
 	};
 	const Part parts[] = {{"root", 16381, 0},   {"reciprocal", 16381, 0},  {"quotient", 1, 1u << 17},
 	                      {"add", 1, 1u << 17}, {"multiply", 1, 1u << 17}, {"fma", 1, 1u << 17},
-	                      {"sincos", 127, 0},   {"atan2", 1, 1u << 17},    {"film", 8191, 0},
-	                      {"to-int", 16381, 0}, {"to-float", 16381, 0}};
+	                      {"sincos", 127, 0},   {"atan2", 1, 1u << 17},    {"asin", 1, 1u << 17},
+	                      {"film", 8191, 0},    {"to-int", 16381, 0},      {"to-float", 16381, 0}};
 	for (const TestDevice& device : test_devices())
 		for (const Part& part : parts)
 			for (const bool ours : {false, true}) {
@@ -97,7 +97,10 @@ TEST_CASE("rules 4, 13, 15 and 16: a stride through all inputs finds no wrong re
 				CHECK(result.max_ulp <= 2);
 				CHECK(result.max_error <= 1e-7);
 			}
-	CHECK(run(reference_device().device, "atan2", 1, 1u << 17, false).max_ulp <= 4);
+	for (const char* const name : {"atan2", "asin"}) {
+		INFO(name);
+		CHECK(run(reference_device().device, name, 1, 1u << 17, false).max_ulp <= 4);
+	}
 }
 
 TEST_CASE("rules 2 and 19: seeds cannot reach our roots, and radiance is displayed as the formulas say", "[exhaustive]")
@@ -110,9 +113,11 @@ TEST_CASE("rules 2 and 19: seeds cannot reach our roots, and radiance is display
 	}
 }
 
-TEST_CASE("rule 10: no ray meets the sphere that it left outward, and by the textbook many do", "[exhaustive]")
+TEST_CASE("rules 10, 11 and 12: on every device no ray meets the sphere that it left outward, normals and directions "
+          "are the same unit vectors, and by the textbook many meet it",
+          "[exhaustive]")
 {
-	std::uint64_t by_book = 0;
+	std::uint64_t by_book = 0, bits = 0;
 	for (const TestDevice& device : test_devices()) {
 		const ExhaustiveResult result = run(device.device, "rehit", 1, 1u << 18, device.needs_software_roots);
 		INFO(device.name << ": " << result.first_failure);
@@ -124,6 +129,10 @@ TEST_CASE("rule 10: no ray meets the sphere that it left outward, and by the tex
 		if (by_book != 0)
 			CHECK(result.controls == by_book);
 		by_book = result.controls;
+		if (bits != 0)
+			CHECK(result.bits == bits);
+		bits = result.bits;
+		CHECK(bits != 0);
 	}
 }
 
@@ -155,6 +164,17 @@ TEST_CASE("an exhaustive run finds a wrong expression and names the operands", "
 		     {{"kernels/sphere.h", "rt_mask candidate = (discriminant >= rt_splat(0.0f)) & rt_not(is_from);",
 		       "rt_mask candidate = (discriminant >= rt_splat(0.0f));"}}});
 		CHECK(run(faulty, "rehit", 1, 1u << 16, device->needs_software_roots).failures > 100);
+	}
+	SECTION("vectors that are not brought back to length 1")
+	{
+		const DeviceHandle faulty = make_faulty(
+		    device->device,
+		    {"no unit vectors",
+		     {{"kernels/vec.h", "return v3_scale(rt_fma(rt_splat(-0.5f), v3_dot(v, v), rt_splat(1.5f)), v); }",
+		       "return v; }"}}});
+		const ExhaustiveResult result = run(faulty, "rehit", 1, 1u << 16, device->needs_software_roots);
+		CHECK(result.failures > 0);
+		CHECK(result.bits != run(device->device, "rehit", 1, 1u << 16, device->needs_software_roots).bits);
 	}
 	SECTION("a sine with one coefficient off")
 	{

@@ -36,7 +36,7 @@ Tries the contract's operations over all their inputs on one device and compares
   --backend B     auto, cuda, opencl, reference
   --function F    only this one; may be given again
   --stride N      only every N-th input, N odd (1)
-  --count N       so many inputs where they are drawn: quotient, add, multiply, fma, atan2, rehit
+  --count N       so many inputs where they are drawn: quotient, add, multiply, fma, atan2, asin, rehit
   --state FILE    keep there what was done; go on from there
   --log FILE      write the results there as JSON
   --progress P    auto, plain, json, none
@@ -128,6 +128,7 @@ Json to_json(const ExhaustiveResult& r)
 	        {"failures", r.failures},
 	        {"outward", r.outward},
 	        {"controls", r.controls},
+	        {"bits", r.bits},
 	        {"max_ulp", r.max_ulp},
 	        {"max_error", r.max_error},
 	        {"seconds", r.seconds},
@@ -148,6 +149,7 @@ ExhaustiveResult from_json(const Json& j)
 	j.at("failures").get_to(r.failures);
 	j.at("outward").get_to(r.outward);
 	j.at("controls").get_to(r.controls);
+	j.at("bits").get_to(r.bits);
 	j.at("max_ulp").get_to(r.max_ulp);
 	j.at("max_error").get_to(r.max_error);
 	j.at("seconds").get_to(r.seconds);

@@ -27,6 +27,7 @@ Exit status: 0 clean, 1 findings, 2 the lint itself could not run.
 import argparse
 import re
 import shutil
+import struct
 import subprocess
 import sys
 import tempfile
@@ -188,12 +189,22 @@ def is_float_literal(text):
     return bool(re.search(r"[.eE]", text)) or text[-1] in "fF"
 
 
+def value_of(text):
+    digits = text.rstrip("fFlL")
+    return float.fromhex(digits) if digits[:2] in ("0x", "0X") else float(digits)
+
+
+def is_float32(text):
+    """Is the literal's value a float? (That of a double is enough to tell: 0.1 is no float with 53 digits either.)"""
+    value = value_of(text)
+    return struct.unpack("f", struct.pack("f", value))[0] == value
+
+
 def is_exact_factor(text):
     """Is the literal a power of two?"""
     if not is_float_literal(text):
         return False
-    digits = text.rstrip("fFlL")
-    value = float.fromhex(digits) if digits[:2] in ("0x", "0X") else float(digits)
+    value = value_of(text)
     return value > 0 and value.hex().startswith("0x1.0000000000000p")
 
 
@@ -524,6 +535,8 @@ def check_words(source, types, host_only):
                 if is_float_literal(text) and text[-1] not in "fF":
                     if not (in_macro and source.path.startswith("common/") and not compat):
                         report(token.line, f"a literal without f is a double: {text}")
+                elif is_float_literal(text) and not is_float32(text):
+                    report(token.line, f"no float has this value, and compilers round it: {text}; write it in hex")
                 continue
             if token.kind != "name" or before in (".", "->"):
                 continue
@@ -794,6 +807,8 @@ TEXT_FAULTS = {
     "literal without f": "RT_FN rt_float f(rt_float a) { return a - 1.0; }",
     "hex literal without f": "RT_FN rt_float f(rt_float a) { return a - 0x1.8p+1; }",
     "exponent literal without f": "RT_FN rt_float f(rt_float a) { return a - 1e3; }",
+    "decimal literal that is no float": "RT_FN rt_float f(rt_float a) { return a - 0.1f; }",
+    "hex literal with too many digits": "RT_FN rt_float f(rt_float a) { return a - 0x1.0000001p+1f; }",
     "target in #if": "#if defined(RT_TARGET_CUDA)\n#endif",
     "target in #ifdef": "#ifdef __OPENCL_VERSION__\n#endif",
     "target in #elif": "#if 0\n#elif defined(__CUDACC__)\n#endif",

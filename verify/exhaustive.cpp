@@ -39,6 +39,8 @@ const std::vector<ExhaustiveFunction> functions = {
     {"fma", "triples for a b + c, c near -a b or a b", ExhaustiveKind::Device, RT_EXHAUST_FMA, 1ull << 30, true, false},
     {"sincos", "all u = k 2^-24 in [0, 1]", ExhaustiveKind::Device, RT_EXHAUST_SINCOS, (1ull << 24) + 1, false, false},
     {"atan2", "pairs, axes and diagonals among them", ExhaustiveKind::Device, RT_EXHAUST_ATAN2, 1ull << 26, true, true},
+    {"asin", "heights of normals, poles and equator among them", ExhaustiveKind::Device, RT_EXHAUST_ASIN, 1ull << 26,
+     true, true},
     {"film", "all floats in [0, 2] to integers of 2^-40", ExhaustiveKind::Device, RT_EXHAUST_FILM, (1ull << 30) + 1,
      false, false},
     {"to-int", "all floats with |x| < 2^31", ExhaustiveKind::Device, RT_EXHAUST_TO_INT, 2ull * 0x4f000000u, false,
@@ -145,6 +147,11 @@ Words answer(const rt_operands& o, Totals& totals)
 		// Zeros have no sign here: an angle of half a turn is +1/2 unless y < 0.
 		totals.measure(ours, std::atan2(number(o.a) == 0 ? 0.0 : number(o.a), number(o.b)) / tau);
 		return {rt_bits(ours), 0};
+	} else if constexpr (operation == RT_EXHAUST_ASIN) {
+		const rt_float b = rt_from_bits(o.b), c = rt_from_bits(o.c);
+		const rt_float ours = rt_atan2_turns(rt_from_bits(o.a), rt_sqrt(rt_fma(b, b, c * c)));
+		totals.measure(ours, std::atan2(number(o.a), std::hypot(number(o.b), number(o.c))) / tau);
+		return {rt_bits(ours), 0};
 	} else if constexpr (operation == RT_EXHAUST_FILM) {
 		const auto sum = static_cast<std::uint64_t>(std::llrint(number(o.a) * 0x1p40));
 		return {static_cast<std::uint32_t>(sum), static_cast<std::uint32_t>(sum >> 32)};
@@ -212,8 +219,18 @@ constexpr Answers answers[] = {
     answers_of<RT_EXHAUST_ROOT>(),   answers_of<RT_EXHAUST_RECIPROCAL>(), answers_of<RT_EXHAUST_QUOTIENT>(),
     answers_of<RT_EXHAUST_ADD>(),    answers_of<RT_EXHAUST_MULTIPLY>(),   answers_of<RT_EXHAUST_FMA>(),
     answers_of<RT_EXHAUST_SINCOS>(), answers_of<RT_EXHAUST_ATAN2>(),      answers_of<RT_EXHAUST_FILM>(),
-    answers_of<RT_EXHAUST_TO_INT>(), answers_of<RT_EXHAUST_TO_FLOAT>(),
+    answers_of<RT_EXHAUST_TO_INT>(), answers_of<RT_EXHAUST_TO_FLOAT>(),   answers_of<RT_EXHAUST_ASIN>(),
 };
+
+// What it means where a counter of rays is not 0.
+constexpr const char* ray_faults[RT_EXHAUST_COUNTERS] = {nullptr,
+                                                         nullptr,
+                                                         "the sphere that was left outward is met again",
+                                                         nullptr,
+                                                         "the far end of the chord is missed",
+                                                         nullptr,
+                                                         "a normal or a direction is no unit vector",
+                                                         nullptr};
 
 std::uint64_t items_of(std::uint64_t lanes_wanted, std::uint32_t lanes) { return (lanes_wanted + lanes - 1) / lanes; }
 
@@ -398,18 +415,17 @@ Status ExhaustiveRun::advance_rays(ExhaustiveResult& result)
 	RT_TRY(device_->read(out, 0, counts.data(), bytes));
 	std::uint64_t sums[RT_EXHAUST_COUNTERS] = {};
 	for (std::size_t i = 0; i < counts.size(); ++i) {
-		if (result.first_failure.empty() && counts[i] != 0 &&
-		    (i % RT_EXHAUST_COUNTERS == RT_EXHAUST_REHITS || i % RT_EXHAUST_COUNTERS == RT_EXHAUST_CHORD_FAULTS))
-			result.first_failure = fmt::format(
-			    "{} of the rays of lane {}: {}", counts[i], first + i / RT_EXHAUST_COUNTERS,
-			    i % RT_EXHAUST_COUNTERS == RT_EXHAUST_REHITS ? "the sphere that was left outward is met again"
-			                                                 : "the far end of the chord is missed");
+		const char* const fault = ray_faults[i % RT_EXHAUST_COUNTERS];
+		if (fault && counts[i] != 0 && result.first_failure.empty())
+			result.first_failure =
+			    fmt::format("{} of the rays of lane {}: {}", counts[i], first + i / RT_EXHAUST_COUNTERS, fault);
 		sums[i % RT_EXHAUST_COUNTERS] += counts[i];
 	}
 	result.done += std::uint64_t(lanes) * rays_a_lane;
 	result.total = std::max(result.total, result.done); // the last lanes take all their rays
 	result.tried += sums[RT_EXHAUST_OUTWARD] + sums[RT_EXHAUST_INWARD];
-	result.failures += sums[RT_EXHAUST_REHITS] + sums[RT_EXHAUST_CHORD_FAULTS];
+	result.failures += sums[RT_EXHAUST_REHITS] + sums[RT_EXHAUST_CHORD_FAULTS] + sums[RT_EXHAUST_LENGTH_FAULTS];
+	result.bits += sums[RT_EXHAUST_BITS];
 	result.controls += sums[RT_EXHAUST_BOOK_REHITS];
 	result.outward += sums[RT_EXHAUST_OUTWARD];
 	return success();

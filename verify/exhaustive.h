@@ -1,4 +1,4 @@
-// exhaustive.h: the contract's operations over all their inputs, on one device (rules 2, 4, 10, 13, 15, 16, 19).
+// exhaustive.h: the contract's operations over all their inputs, on one device (rules 2, 4, 10 to 13, 15, 16, 19).
 //
 // The device hashes its results block by block (kernels/exhaust.cl) while the host works out the answers: from double
 // or integers where they are those of IEEE arithmetic, from the host's compilation of the kernels where they are ours,
@@ -46,6 +46,7 @@ struct ExhaustiveResult {
 	std::uint64_t failures = 0;
 	std::uint64_t outward = 0;  // rehit: rays among them that left a sphere outward
 	std::uint64_t controls = 0; // and those that meet it again by the textbook's form with t > 1e-3
+	std::uint64_t bits = 0;     // a sum of hashes of their normals and directions
 	double max_ulp = -1;        // of ours against double; negative where it is not measured
 	double max_error = -1;
 	double seconds = 0;

@@ -47,6 +47,13 @@ function(rt_reference_variant name lanes features instruction_set)
   # -O3 whatever the preset: this is a backend. Passing vectors wider than a register has no settled ABI, which does
   # not matter within one object.
   target_compile_options(${target} PRIVATE -O3 -fno-math-errno -Wno-psabi)
+  # In a sanitized build the specialised variants, the contracted ones and those of 4 and 16 lanes are left as they are
+  # in any other: they are the text of the generic ones, and so one build shows both the text's faults and the films of
+  # this compiler's optimised code.
+  if(CMAKE_CXX_FLAGS MATCHES "-fsanitize" AND
+     (contracted OR NOT features STREQUAL "0x1fffu" OR NOT "${lanes}" MATCHES "^(1|${RT_FAST_LANES})$"))
+    target_compile_options(${target} PRIVATE -fno-sanitize=all)
+  endif()
   if(instruction_set)
     target_compile_options(${target} PRIVATE -march=x86-64-v${instruction_set})
   endif()

@@ -12,6 +12,8 @@
 #include "kernels/camera.h"
 #include "kernels/film.h"
 #include "kernels/material.h"
+#include "kernels/roulette.h"
+#include "kernels/sampler.h"
 #include "kernels/sphere.h"
 #include "kernels/texture.h"
 
@@ -27,7 +29,7 @@ RT_FN rt_path rt_path_start(rt_scene_view view, rt_uint x, rt_uint y, rt_uint sa
 {
 	rt_path path;
 	rt_uint pixel = y * view.scene->width + x;
-	rt_random4 u = rt_random(view.scene->seed, pixel, sample, rt_splat_u(0u));
+	rt_random4 u = rt_camera_numbers(view.scene, pixel, sample);
 	path.ray = rt_camera_ray(view.scene, rt_to_float(rt_to_int(x)), rt_to_float(rt_to_int(y)), u);
 	path.throughput = v3_splat(1.0f, 1.0f, 1.0f);
 	path.radiance = v3_splat(0.0f, 0.0f, 0.0f);
@@ -109,7 +111,7 @@ RT_FN rt_mask rt_path_scatter(rt_scene_view view, RT_PRIVATE rt_path* path, rt_h
 	rt_mask inward = rt_not(front);
 
 	/* Choose a direction. */
-	rt_random4 u = rt_random(view.scene->seed, pixel, sample, rt_to_uint(path->depth + 1));
+	rt_random4 u = rt_scattering_numbers(view.scene, pixel, sample, rt_to_uint(path->depth + 1));
 	rt_vec3 direction = n;
 	rt_mask mirror = RT_FALSE; /* may point below the surface, where metal absorbs */
 #if RT_HAS(RT_FEATURE_DIELECTRIC)
@@ -171,6 +173,15 @@ RT_FN rt_mask rt_path_scatter(rt_scene_view view, RT_PRIVATE rt_path* path, rt_h
 	rt_vec3 throughput = v3_mul(path->throughput, albedo);
 	throughput =
 	    v3(rt_flush_throughput(throughput.x), rt_flush_throughput(throughput.y), rt_flush_throughput(throughput.z));
+#if RT_HAS(RT_FEATURE_ROULETTE)
+	rt_float brightest = rt_max(throughput.x, rt_max(throughput.y, throughput.z));
+	rt_mask at_stake = (path->depth + 1 >= rt_splat_i((rt_i32)view.scene->roulette)) & (brightest < rt_splat(1.0f));
+	if (view.scene->roulette != 0u && rt_any(shade & at_stake)) {
+		rt_float weight = rt_roulette(view.scene->seed, pixel, sample, rt_to_uint(path->depth + 1),
+		                              rt_sel(at_stake, brightest, rt_splat(0.0f)));
+		throughput = v3_sel(at_stake, v3_scale(weight, throughput), throughput);
+	}
+#endif
 	ended = ended | rt_not(rt_max(throughput.x, rt_max(throughput.y, throughput.z)) > rt_splat(0.0f));
 
 	/* Leave the surface. */

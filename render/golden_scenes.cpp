@@ -8,12 +8,37 @@
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
+#include <array>
+#include <cstddef>
+#include <optional>
+#include <utility>
 
 namespace rt {
 
 namespace {
 
 using Json = nlohmann::ordered_json;
+
+// The choice that a row spells; the default where it spells none. Empty if there is no such choice.
+template <typename Choice, std::size_t n>
+std::optional<Choice> choice_of(const Json& row, const char* key, const std::array<Choice, n>& all,
+                                const char* (*name_of)(Choice))
+{
+	const std::string name = row.value(key, name_of(Choice()));
+	const auto found = std::find_if(all.begin(), all.end(), [&](Choice choice) { return name == name_of(choice); });
+	return found == all.end() ? std::nullopt : std::optional(*found);
+}
+
+// What of a scene's settings is not the default, each with its key.
+std::vector<std::pair<const char*, std::string>> choices_of(const GoldenScene& scene)
+{
+	std::vector<std::pair<const char*, std::string>> choices;
+	if (scene.sampler != Sampler::Independent)
+		choices.emplace_back("sampler", sampler_name(scene.sampler));
+	if (scene.estimator != Estimator::Path)
+		choices.emplace_back("estimator", estimator_name(scene.estimator));
+	return choices;
+}
 
 Error bad_table(std::string what)
 {
@@ -31,11 +56,17 @@ Result<std::vector<GoldenScene>> golden_scenes()
 	try {
 		const bool current = table.value("contract", 0) == RT_CONTRACT_VERSION;
 		std::vector<GoldenScene> scenes;
-		for (const Json& row : table["scenes"])
+		for (const Json& row : table["scenes"]) {
+			const auto sampler = choice_of(row, "sampler", all_samplers, sampler_name);
+			const auto estimator = choice_of(row, "estimator", all_estimators, estimator_name);
+			if (!sampler || !estimator)
+				return bad_table("it names a sampler or an estimator that does not exist");
 			scenes.push_back({row.at("name").get<std::string>(), row.at("width").get<std::uint32_t>(),
 			                  row.at("height").get<std::uint32_t>(), row.at("samples").get<std::uint32_t>(),
 			                  row.at("seed").get<std::uint32_t>(),
-			                  current ? row.at("film").get<std::string>() : std::string()});
+			                  current ? row.at("film").get<std::string>() : std::string(), *sampler, *estimator,
+			                  row.value("roulette", 0u)});
+		}
 		return scenes;
 	} catch (const Json::exception& exception) {
 		return bad_table(exception.what());
@@ -54,7 +85,12 @@ Result<std::vector<GoldenScene>> golden_and_shipped_scenes()
 
 std::string settings_text(const GoldenScene& scene)
 {
-	return fmt::format("{}x{}, {} samples, seed {}", scene.width, scene.height, scene.samples, scene.seed);
+	std::string text = fmt::format("{}x{}, {} samples, seed {}", scene.width, scene.height, scene.samples, scene.seed);
+	for (const auto& [key, name] : choices_of(scene))
+		text += fmt::format(", {}", name);
+	if (scene.roulette > 0)
+		text += fmt::format(", roulette {}", scene.roulette);
+	return text;
 }
 
 Result<PackedScene> pack_golden_scene(const GoldenScene& scene)
@@ -66,17 +102,25 @@ Result<PackedScene> pack_golden_scene(const GoldenScene& scene)
 	settings.height = scene.height;
 	settings.samples = scene.samples;
 	settings.seed = scene.seed;
+	settings.sampler = scene.sampler;
+	settings.estimator = scene.estimator;
+	settings.roulette = scene.roulette;
 	return pack_scene(frame, settings, {0, 0, settings.width, settings.height});
 }
 
 std::string golden_table(const std::vector<GoldenScene>& scenes)
 {
 	std::string rows;
-	for (const GoldenScene& scene : scenes)
-		rows += fmt::format("{}\t\t{{\"name\": \"{}\", \"width\": {}, \"height\": {}, \"samples\": {}, \"seed\": {}, "
-		                    "\"film\": \"{}\"}}",
-		                    rows.empty() ? "" : ",\n", scene.name, scene.width, scene.height, scene.samples, scene.seed,
-		                    scene.film);
+	for (const GoldenScene& scene : scenes) {
+		rows +=
+		    fmt::format("{}\t\t{{\"name\": \"{}\", \"width\": {}, \"height\": {}, \"samples\": {}, \"seed\": {}, ",
+		                rows.empty() ? "" : ",\n", scene.name, scene.width, scene.height, scene.samples, scene.seed);
+		for (const auto& [key, name] : choices_of(scene))
+			rows += fmt::format("\"{}\": \"{}\", ", key, name);
+		if (scene.roulette > 0)
+			rows += fmt::format("\"roulette\": {}, ", scene.roulette);
+		rows += fmt::format("\"film\": \"{}\"}}", scene.film);
+	}
 	return fmt::format("{{\n\t\"contract\": {},\n\t\"scenes\": [\n{}\n\t]\n}}\n", RT_CONTRACT_VERSION, rows);
 }
 

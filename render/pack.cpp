@@ -317,6 +317,8 @@ double largest_radiance(const Scene& scene, const RenderSettings& settings)
 		glows = glows || largest(material.emission) > 0;
 		const bool own_albedo = material.kind != Material::Kind::Dielectric && material.texture < 0;
 		albedo = std::max(albedo, own_albedo ? largest(material.albedo) : 1.0);
+		if (settings.roulette > 0)
+			albedo = 1; // it gives back what albedos took (kernels/roulette.h)
 	}
 	if (!glows)
 		return std::max(sky, emission);

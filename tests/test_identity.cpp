@@ -48,10 +48,11 @@ void check_same(const Film& film, const Film& expected, const std::string& what)
 const Film& reference_film(const TestScene& scene)
 {
 	static std::vector<std::pair<std::string, Film>> films;
-	for (const auto& [name, film] : films)
-		if (name == scene.name)
+	const std::string key = scene.name + ", " + settings_text(scene);
+	for (const auto& [known, film] : films)
+		if (known == key)
 			return film;
-	films.emplace_back(scene.name, render(pack_test_scene(scene), reference_device(), oracle(), scene.samples));
+	films.emplace_back(key, render(pack_test_scene(scene), reference_device(), oracle(), scene.samples));
 	return films.back().second;
 }
 

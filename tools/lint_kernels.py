@@ -592,7 +592,7 @@ CLANG_FLAGS = [
 ALLOWED_CALL = (
     r"llvm\.(fma\.FLOAT|fabs\.FLOAT|sqrt\.FLOAT|copysign\.FLOAT|memcpy\.\S+|memset\.\S+|lifetime\.\S+|dbg\.\S+|assume|"
     r"experimental\.noalias\.scope\.decl|threadlocal\.address\S*|[us](min|max|add\.sat|sub\.sat)\.\S+|fsh[lr]\.\S+|"
-    r"(bswap|ctpop|ctlz|cttz|abs)\.\S+)|sqrtf|fmaf")
+    r"(bswap|bitreverse|ctpop|ctlz|cttz|abs)\.\S+)|sqrtf|fmaf")
 
 
 class Module:

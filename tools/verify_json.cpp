@@ -98,6 +98,9 @@ Json verify_json(const VerifyReport& report)
 		                  {"height", scene.height},
 		                  {"samples", scene.samples},
 		                  {"seed", scene.seed},
+		                  {"sampler", sampler_name(scene.sampler)},
+		                  {"estimator", estimator_name(scene.estimator)},
+		                  {"roulette", scene.roulette},
 		                  {"film", scene.film}});
 	for (const Absence& absence : report.found.absences)
 		missing.push_back({{"backend", absence.backend}, {"reason", absence.reason}, {"cure", absence.cure}});

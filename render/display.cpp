@@ -4,6 +4,7 @@
 #include "support/thread_pool.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 
@@ -39,6 +40,38 @@ std::uint64_t scaled_radiance(std::uint64_t sum, std::uint64_t exposure, std::ui
 		return light == 0 ? 0 : UINT64_MAX;
 	const Wide quotient = (shift >= 0 ? light >> shift : light << -shift) / samples;
 	return quotient > UINT64_MAX ? UINT64_MAX : static_cast<std::uint64_t>(quotient);
+}
+
+// For one number of samples: edges[k] is the least sum whose code is more than k; above all sums where there is none.
+using SumEdges = std::array<std::uint64_t, 255>;
+constexpr std::uint64_t min_pixels_for_edges = 1 << 15;
+
+// By bisection, because scaled_radiance never falls as the sum grows: whatever it rounds, the codes are the same.
+SumEdges edges_of(const std::uint64_t* thresholds, std::uint64_t exposure, std::uint32_t samples, std::int32_t exponent)
+{
+	SumEdges edges;
+	std::uint64_t below = 0;
+	for (std::size_t k = 0; k < edges.size(); ++k) {
+		std::uint64_t low = below, high = std::uint64_t(1) << 63;
+		while (low < high) {
+			const std::uint64_t middle = low + (high - low) / 2;
+			if (scaled_radiance(middle, exposure, samples, exponent) >= thresholds[k])
+				high = middle;
+			else
+				low = middle + 1;
+		}
+		edges[k] = below = low;
+	}
+	return edges;
+}
+
+// How many edges the sum reaches. Without branches: an image's noise would have half of them guessed wrongly.
+std::uint8_t code_of(const SumEdges& edges, std::uint64_t sum)
+{
+	std::size_t reached = 0;
+	for (std::size_t step = 128; step; step /= 2)
+		reached += edges[reached + step - 1] <= sum ? step : 0;
+	return static_cast<std::uint8_t>(reached);
 }
 
 } // namespace
@@ -79,16 +112,26 @@ std::vector<std::uint8_t> to_8bit(const Film& film, const DisplaySettings& setti
 	const std::uint64_t* const thresholds = thresholds_of(settings.transfer);
 	const std::uint64_t exposure = exposure_factor(settings.exposure_stops);
 	std::vector<std::uint8_t> bytes(film.sums().size());
+	// Most pixels have as many samples as the first. For those the thresholds are turned into sums, once; a small film
+	// would not repay it.
+	const std::uint32_t usual = film.pixels() < min_pixels_for_edges ? 0 : film.samples()[0];
+	const SumEdges edges = usual ? edges_of(thresholds, exposure, usual, film.exponent()) : SumEdges();
 	constexpr std::uint64_t piece_pixels = std::uint64_t(1) << 13;
 	parallel_for(film.samples().size(), piece_pixels, [&](std::uint64_t begin, std::uint64_t end) {
 		for (std::size_t pixel = begin; pixel < end; ++pixel) {
-			if (film.samples()[pixel] == 0)
+			const std::uint32_t samples = film.samples()[pixel];
+			if (samples == 0)
 				continue;
 			for (std::size_t i = 3 * pixel; i < 3 * pixel + 3; ++i) {
-				if (film.sums()[i] <= 0)
+				const std::int64_t sum = film.sums()[i];
+				if (sum <= 0)
 					continue;
-				const std::uint64_t radiance = scaled_radiance(static_cast<std::uint64_t>(film.sums()[i]), exposure,
-				                                               film.samples()[pixel], film.exponent());
+				if (samples == usual) {
+					bytes[i] = code_of(edges, static_cast<std::uint64_t>(sum));
+					continue;
+				}
+				const std::uint64_t radiance =
+				    scaled_radiance(static_cast<std::uint64_t>(sum), exposure, samples, film.exponent());
 				bytes[i] =
 				    static_cast<std::uint8_t>(std::upper_bound(thresholds, thresholds + 255, radiance) - thresholds);
 			}

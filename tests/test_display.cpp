@@ -179,3 +179,32 @@ TEST_CASE("the sRGB table decodes what the display transform encodes")
 		REQUIRE(code(sum, 1, 50, Transfer::Srgb) == k);
 	}
 }
+
+TEST_CASE("a large film's pixels get the codes that they get alone")
+{
+	std::mt19937_64 random(3);
+	const std::uint32_t width = 211, height = 173; // more than 2^15 pixels
+	for (const Transfer transfer : transfers)
+		for (const double stops : {0.0, -3.25, 20.0})
+			for (const std::uint32_t samples : {1u, 100u, 4000000000u})
+				for (const std::int32_t exponent : {0, 30, 62}) {
+					Film film(width, height, Window{0, 0, width, height}, exponent);
+					for (auto& sum : film.sums())
+						sum = static_cast<std::int64_t>(random() >> (random() % 64)) * (random() % 16 ? 1 : -1);
+					// Of every hundredth pixel more samples were taken, of some none.
+					std::fill(film.samples().begin(), film.samples().end(), samples);
+					for (std::size_t i = 1; i < film.samples().size(); i += 100)
+						film.samples()[i] = static_cast<std::uint32_t>(random() % 3 * samples / 2);
+					const std::vector<std::uint8_t> all = rt::to_8bit(film, {transfer, stops});
+					std::size_t wrong = 0;
+					for (std::size_t pixel = 0; pixel < film.samples().size(); pixel += 7) {
+						Film alone(1, 1, Window{0, 0, 1, 1}, exponent);
+						std::copy_n(film.sums().begin() + 3 * pixel, 3, alone.sums().begin());
+						alone.samples()[0] = film.samples()[pixel];
+						wrong += rt::to_8bit(alone, {transfer, stops}) !=
+						         std::vector<std::uint8_t>(all.begin() + static_cast<std::ptrdiff_t>(3 * pixel),
+						                                   all.begin() + static_cast<std::ptrdiff_t>(3 * pixel + 3));
+					}
+					CHECK(wrong == 0);
+				}
+}

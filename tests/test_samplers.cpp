@@ -161,6 +161,20 @@ TEST_CASE("random numbers are uniform and independent along every axis")
 	CHECK_FAMILY(family);
 }
 
+TEST_CASE("Sobol's numbers are uniform and independent along pixels, blocks and seeds")
+{
+	// Along samples they are more even than chance; tests/test_sobol.cpp.
+	TestFamily family;
+	examine(family, "pixels, sample 0", [](std::uint32_t i) { return numbers(rt_sobol(0, i, 0, 0)); });
+	examine(family, "pixels, sample 21", [](std::uint32_t i) { return numbers(rt_sobol(1, i, 21, 1)); });
+	examine(family, "rows", [](std::uint32_t i) { return numbers(rt_sobol(0, i * 640u, 3, 0)); });
+	examine(family, "blocks", [](std::uint32_t i) { return numbers(rt_sobol(0, 0, 1, i)); });
+	examine(family, "seeds", [](std::uint32_t i) { return numbers(rt_sobol(i, 0, 2, 0)); });
+	examine(family, "a late sample of 2^14 pixels, their bounces",
+	        [](std::uint32_t i) { return numbers(rt_sobol(0, i / 64, 100003, i % 64)); });
+	CHECK_FAMILY(family);
+}
+
 TEST_CASE("wrong random numbers are noticed")
 {
 	const auto verdict = [](const Stream& stream) {

@@ -505,9 +505,9 @@ TEST_CASE("samplers: at the same number of samples Sobol's error is smaller")
 {
 	struct Gain {
 		const char* scene;
-		double sobol, stratified; // at 64 samples, at least
+		double sobol, stratified; // at least; 4.1 and 1.5, 4.0 and 3.5 when this was written
 	};
-	for (const Gain& gain : {Gain{"three-spheres", 1.5, 1.0}, Gain{"floating", 1.5, 1.0}}) {
+	for (const Gain& gain : {Gain{"three-spheres", 2.5, 1.2}, Gain{"floating", 2.5, 2.0}}) {
 		const double independent = mse(gain.scene, reference_device(), Sampler::Independent, 64, 4);
 		const double stratified = mse(gain.scene, reference_device(), Sampler::Stratified, 64, 4);
 		const double sobol = mse(gain.scene, reference_device(), Sampler::Sobol, 64, 4);
@@ -533,10 +533,10 @@ TEST_CASE("samplers: a pad without an order of its own spoils the image, and is 
 	                "rt_reverse_bits(reversed_sample ^ (order & 0u))"}};
 	TestDevice broken = *sound;
 	broken.device = make_faulty(sound->device, fault);
-	const double independent = mse("three-spheres", *sound, Sampler::Independent, 64, 1);
-	const double sobol = mse("three-spheres", broken, Sampler::Sobol, 64, 1);
-	INFO("independent " << independent << ", sobol without an order " << sobol);
-	CHECK(independent < 1.5 * sobol);
+	const double sobol = mse("three-spheres", *sound, Sampler::Sobol, 64, 1);
+	const double without = mse("three-spheres", broken, Sampler::Sobol, 64, 1);
+	INFO("sobol " << sobol << ", without an order " << without);
+	CHECK(without > 1.8 * sobol); // the test above asks for 2.5 over independent numbers
 }
 
 TEST_CASE("samplers: closed stays exact, and a render goes on where it stopped")

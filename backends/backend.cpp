@@ -6,8 +6,8 @@ namespace rt {
 
 Status Device::read_pieces(const BufferHandle& buffer, std::size_t offset, std::size_t bytes, const TakePiece& take)
 {
-	// Small enough to stay in a cache until it is looked at.
-	constexpr std::size_t piece_bytes = std::size_t(1) << 20;
+	// Small enough to stay in a cache until it is looked at, large enough for threads to share.
+	constexpr std::size_t piece_bytes = std::size_t(1) << 22;
 	std::vector<std::uint8_t> piece(std::min(bytes, piece_bytes));
 	for (std::size_t first = 0; first < bytes; first += piece_bytes) {
 		const std::size_t count = std::min(piece_bytes, bytes - first);

@@ -69,8 +69,8 @@ SumEdges edges_of(const std::uint64_t* thresholds, std::uint64_t exposure, std::
 std::uint8_t code_of(const SumEdges& edges, std::uint64_t sum)
 {
 	std::size_t reached = 0;
-	for (std::size_t step = 128; step; step /= 2)
-		reached += edges[reached + step - 1] <= sum ? step : 0;
+	for (int bit = 7; bit >= 0; --bit)
+		reached |= static_cast<std::size_t>(edges[reached + (std::size_t(1) << bit) - 1] <= sum) << bit;
 	return static_cast<std::uint8_t>(reached);
 }
 

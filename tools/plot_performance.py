@@ -3,7 +3,7 @@
 
     tools/plot_performance.py --add FILE...    takes up results of `rt bench --json`, with or without --sweep, of
                                                `tools/bench_peers --json`, `tools/bench_crossover --json` and
-                                               `tools/measure_mean --json`, and the text of build/tools/measure_rungs,
+                                               `tools/measure_mean --json`, and the text of build/tools/rt_measure_rungs,
                                                in the place of older ones of the same device and kind; then makes
                                                page and plots
     tools/plot_performance.py --profile FILE DATE DEVICE WHAT
@@ -108,7 +108,7 @@ def add(results, document, path):
 
 
 def add_rungs(results, text, path, date):
-    """Tables of build/tools/measure_rungs; what a terminal was shown before them goes away."""
+    """Tables of build/tools/rt_measure_rungs; what a terminal was shown before them goes away."""
     head = re.compile(r"(\S+), (\d+x\d+), (\d+) samples a pixel, (.*) \((\w+)\), (\d+) rounds, differences from")
     entry = None
     for line in re.split(r"[\r\n]", text):
@@ -432,7 +432,7 @@ def bench_text(entry):
         f"{kernel['entry']}: {kernel['registers']} registers, occupancy {100 * kernel['occupancy']:.0f} %"
         for kernel in entry["build"]["kernels"] if kernel.get("registers") and kernel.get("occupancy"))
     share = f"; sphere tests {100 * model['share_of_fma_peak']:.1f} % of the former" if model else ""
-    lines += ["", f"{entry['launches']} launches, {entry['lanes']} lanes{', a tree' if entry['bvh'] else ''}. Peak "
+    lines += ["", f"{entry['launches']} launches, {entry['lanes']} lane{'s' if entry['lanes'] > 1 else ''}{', a tree' if entry['bvh'] else ''}. Peak "
               f"{count_text(peak['fma_per_second'])} fma/s, {count_text(peak['integer_per_second'])} integer "
               f"multiply-adds/s{share}. {kernels}".rstrip(), ""]
     return lines
@@ -448,7 +448,7 @@ def rungs_text(results):
              *(f"{entry['of_exact'][rung]:.2f}" if rung in entry["of_exact"] else "" for rung in ("fast", "double")),
              entry["date"]) for entry in results["rungs"]]
     return ["## Rungs", "",
-            "The rungs in turn, again and again (`build/tools/measure_rungs`): the median ratio of times, of the exact",
+            "The rungs in turn, again and again (`build/tools/rt_measure_rungs`): the median ratio of times, of the exact",
             "rung's. On a processor it is time on all cores that counts; on a GPU renders of a millisecond or two,",
             "in which reading back counts too.", "",
             *table(("device", "scene", "exact", "fast", "double", "date"), rows), ""]
@@ -496,7 +496,11 @@ def page(results):
              "    tools/bench_peers --mitsuba PYTHON --book DIR --error 16 --json cpu.json",
              "    tools/bench_peers --set gpu --backends cuda,opencl --mitsuba PYTHON --seed DIR --rogerallen DIR "
              "--json gpu.json",
-             "    tools/plot_performance.py --add weekend.json spheres.json cpu.json gpu.json", "",
+             "    tools/bench_crossover --backend opencl --lanes 1,8 --json crossover.json",
+             "    tools/measure_mean --json mean.json",
+             "    build/tools/rt_measure_rungs weekend --backend opencl --size 240x135 > rungs.txt",
+             "    tools/plot_performance.py --add weekend.json spheres.json cpu.json gpu.json crossover.json mean.json "
+             "rungs.txt", "",
              "The last command puts results into docs/performance.json and makes this page and its plots anew.",
              "`tools/count_instructions` is the part that CI runs: instructions of small renders, which do not depend",
              "on what else a machine does.", "", "## Targets", "", *verdicts(results), "", *launches_alone(results)]
@@ -512,7 +516,8 @@ def page(results):
     if results["sweeps"]:
         lines += ["## Scaling", "",
                   "Least of the repeats, launches and reading back; exponents of time by least squares on logarithms,",
-                  "over all points and over the upper half of them.", ""]
+                  "over all points and over the upper half of them. A thread that other work keeps from its processor",
+                  "speeds up nothing: the sweep of threads needs a machine of its own, which this one was not.", ""]
         for of in SWEEPS:
             lines += sweep_text(results, of)
     if results["benches"]:

@@ -216,11 +216,12 @@ Result<Hash128> render_stress_tile(Device& device, const ProgramHandle& program,
 	RT_TRY_ASSIGN(const BufferHandle materials, upload(device, stress.materials));
 	RT_TRY_ASSIGN(const BufferHandle textures, upload(device, stress.textures));
 	RT_TRY_ASSIGN(const BufferHandle texels, upload(device, stress.texels));
+	RT_TRY_ASSIGN(const BufferHandle lights, upload(device, std::vector<rt_light>(1)));
 	RT_TRY_ASSIGN(const BufferHandle film, upload(device, pixels));
 	const std::uint32_t items = size * size / lanes;
 	RT_TRY(device.launch(program, "rt_render", items,
 	                     {by_value(stress.scene), by_value(rt_few_spheres{}), spheres, wide, ids, sphere_materials, bvh,
-	                      materials, textures, texels, film, 0u, size, 0u, samples, 1u, size * size}));
+	                      materials, textures, texels, lights, film, 0u, size, 0u, samples, 1u, size * size}));
 	RT_TRY(device.wait());
 	RT_TRY(device.read(film, 0, pixels.data(), pixels.size() * sizeof(rt_film_pixel)));
 	Hasher hasher;

@@ -54,6 +54,12 @@
 #error "rt: RT_FEATURE_BVH needs RT_FEATURE_PERMUTED"
 #endif
 
+/* Rays are aimed by diffuse surfaces, at surfaces that emit. */
+#if (RT_FEATURES & RT_FEATURE_LIGHTS) != 0u && \
+    (RT_FEATURES & (RT_FEATURE_LAMBERTIAN | RT_FEATURE_EMISSION)) != (RT_FEATURE_LAMBERTIAN | RT_FEATURE_EMISSION)
+#error "rt: RT_FEATURE_LIGHTS needs RT_FEATURE_LAMBERTIAN and RT_FEATURE_EMISSION"
+#endif
+
 /* Usable in #if and in if: is this capability compiled in? */
 #define RT_HAS(feature) ((RT_FEATURES & (feature)) != 0u)
 

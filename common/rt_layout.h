@@ -19,13 +19,15 @@
 	S(rt_texture) M(rt_texture, even_r) M(rt_texture, even_g) M(rt_texture, even_b)                    \
 	M(rt_texture, squares) M(rt_texture, odd_r) M(rt_texture, odd_g) M(rt_texture, odd_b)              \
 	M(rt_texture, kind) M(rt_texture, first_texel) M(rt_texture, width) M(rt_texture, height)          \
+	S(rt_light) M(rt_light, sphere) M(rt_light, other) M(rt_light, threshold)                          \
 	S(rt_scene) M(rt_scene, corner_x) M(rt_scene, corner_y) M(rt_scene, corner_z)                      \
 	M(rt_scene, step_x_x) M(rt_scene, step_x_y) M(rt_scene, step_x_z) M(rt_scene, step_y_x)            \
 	M(rt_scene, step_y_y) M(rt_scene, step_y_z) M(rt_scene, lens_u_x) M(rt_scene, lens_u_y)            \
 	M(rt_scene, lens_u_z) M(rt_scene, lens_v_x) M(rt_scene, lens_v_y) M(rt_scene, lens_v_z)            \
 	M(rt_scene, sky_bottom_r) M(rt_scene, sky_bottom_g) M(rt_scene, sky_bottom_b)                      \
-	M(rt_scene, sky_delta_r) M(rt_scene, sky_delta_g) M(rt_scene, sky_delta_b)                         \
+	M(rt_scene, light_floor) M(rt_scene, sky_delta_r) M(rt_scene, sky_delta_g) M(rt_scene, sky_delta_b) M(rt_scene, light_share) \
 	M(rt_scene, film_scale) M(rt_scene, film_scale_high) M(rt_scene, radiance_limit)                   \
+	M(rt_scene, light_radius_inverse)                                                                  \
 	M(rt_scene, width) M(rt_scene, height) M(rt_scene, window_x) M(rt_scene, window_y)                 \
 	M(rt_scene, window_width) M(rt_scene, window_height) M(rt_scene, seed) M(rt_scene, max_depth)      \
 	M(rt_scene, sphere_count) M(rt_scene, wide_count) M(rt_scene, bvh_root) M(rt_scene, bvh_blocks)    \

@@ -97,6 +97,18 @@ typedef struct rt_texture {
 } rt_texture;
 RT_STATIC_ASSERT(sizeof(rt_texture) == 48, texture);
 
+/* A row of the table by which a lamp is chosen (kernels/light.h): with a chance of `threshold` the sphere of its own,
+ * else the other. Storage indices. */
+typedef struct rt_light {
+	rt_u32 sphere, other;
+	float threshold;
+	rt_u32 reserved0;
+} rt_light;
+RT_STATIC_ASSERT(sizeof(rt_light) == 16, light);
+
+/* The table has at most so many rows: kernels/light.h finds one by 32-bit integers. */
+#define RT_MAX_LIGHTS (1u << 20)
+
 /* Everything of a scene that is not a list. */
 typedef struct rt_scene {
 	/* The camera is the origin. A primary ray goes from the lens to
@@ -107,12 +119,14 @@ typedef struct rt_scene {
 	float lens_u_x, lens_u_y, lens_u_z, reserved3; /* lens radius times the camera's right */
 	float lens_v_x, lens_v_y, lens_v_z, reserved4; /* lens radius times the camera's up */
 	/* sky radiance = bottom + clamp((d.y + 1) / 2) delta */
-	float sky_bottom_r, sky_bottom_g, sky_bottom_b, reserved5;
-	float sky_delta_r, sky_delta_g, sky_delta_b, reserved6;
+	float sky_bottom_r, sky_bottom_g, sky_bottom_b;
+	float light_floor; /* a lamp is chosen with probability light_floor + light_share L (r light_radius_inverse)^2 */
+	float sky_delta_r, sky_delta_g, sky_delta_b;
+	float light_share;
 	float film_scale;      /* 2^f */
 	float film_scale_high; /* 2^(f - 20) */
 	float radiance_limit;  /* a sample above it is rejected and counted */
-	float reserved7;
+	float light_radius_inverse;
 	rt_u32 width, height;      /* of the whole image, pixels */
 	rt_u32 window_x, window_y; /* the part that is rendered */
 	rt_u32 window_width, window_height;

@@ -11,6 +11,7 @@
 #include "kernels/bvh.h"
 #include "kernels/camera.h"
 #include "kernels/film.h"
+#include "kernels/light.h"
 #include "kernels/material.h"
 #include "kernels/roulette.h"
 #include "kernels/sampler.h"
@@ -23,6 +24,10 @@ typedef struct rt_path {
 	rt_vec3 throughput;
 	rt_vec3 radiance; /* gathered so far */
 	rt_int depth;     /* scatterings so far */
+#if RT_HAS(RT_FEATURE_LIGHTS)
+	rt_float cosine; /* of the ray with the normal of the diffuse surface that it leaves; 0 where that is none */
+	rt_aim aim;      /* of the last scattering */
+#endif
 } rt_path;
 
 RT_FN rt_path rt_path_start(rt_scene_view view, rt_uint x, rt_uint y, rt_uint sample)
@@ -34,6 +39,13 @@ RT_FN rt_path rt_path_start(rt_scene_view view, rt_uint x, rt_uint y, rt_uint sa
 	path.throughput = v3_splat(1.0f, 1.0f, 1.0f);
 	path.radiance = v3_splat(0.0f, 0.0f, 0.0f);
 	path.depth = rt_splat_i(0);
+#if RT_HAS(RT_FEATURE_LIGHTS)
+	path.cosine = rt_splat(0.0f);
+	path.aim.dir = path.radiance;
+	path.aim.chord = rt_splat(-1.0f);
+	path.aim.throughput = path.radiance;
+	path.aim.lamp = rt_splat_i(-1);
+#endif
 	return path;
 }
 
@@ -56,6 +68,10 @@ RT_FN rt_path rt_path_sel(rt_mask mask, rt_path yes, rt_path no)
 	path.throughput = v3_sel(mask, yes.throughput, no.throughput);
 	path.radiance = v3_sel(mask, yes.radiance, no.radiance);
 	path.depth = rt_sel(mask, yes.depth, no.depth);
+#if RT_HAS(RT_FEATURE_LIGHTS)
+	path.cosine = rt_sel(mask, yes.cosine, no.cosine);
+	path.aim = no.aim; /* is over before another path begins */
+#endif
 	return path;
 }
 
@@ -80,6 +96,53 @@ RT_FN rt_float rt_flush_throughput(rt_float weight)
 	return rt_sel(weight >= rt_splat(RT_MIN_THROUGHPUT), weight, rt_splat(0.0f));
 }
 
+#if RT_HAS(RT_FEATURE_LIGHTS)
+/* What a lamp's emission counts that the paths of `lamps` met: nothing or a part where the diffuse surface that they
+ * left aimed at lamps too, and could have aimed at this one. */
+RT_FN rt_float rt_chance_weight(rt_scene_view view, rt_path path, rt_int index, rt_vec3 emission, rt_mask lamps)
+{
+	rt_mask aimed = lamps & (path.cosine > rt_splat(0.0f));
+	rt_float weight = rt_splat(1.0f);
+	if (view.scene->estimator != RT_ESTIMATOR_PATH && rt_any(aimed)) {
+		rt_light_cone cone = rt_light_seen(view, path.ray, index);
+		rt_float part = rt_splat(0.0f);
+		if (view.scene->estimator == RT_ESTIMATOR_MIS) {
+			rt_float chance = rt_light_chance(view.scene, emission, RT_GATHER_F(view.spheres, index, .radius));
+			part = rt_mis_chance(rt_light_weight(cone, path.cosine, chance));
+		}
+		weight = rt_sel(aimed & cone.outside, part, weight);
+	}
+	return weight;
+}
+
+/* Aims at a lamp from the diffuse surfaces of `mask`, which `ray` leaves: n is the unit normal on its side, `inward`
+ * whether that is the inner side of a sphere of this radius. c and d of the bounce's numbers are the place in the cone.
+ */
+RT_FN rt_aim rt_aim_at_lamp(rt_scene_view view, rt_ray ray, rt_vec3 n, rt_mask inward, rt_float radius,
+                            rt_vec3 throughput, rt_random4 u, rt_uint pixel, rt_uint sample, rt_uint block,
+                            rt_mask mask)
+{
+	rt_aim aim;
+	rt_int lamp = rt_to_int(rt_splat_u(view.lights[0].sphere));
+	if (view.scene->light_count > 1u)
+		lamp = rt_light_choice(view, rt_random(view.scene->seed, pixel, sample, block | RT_LAMP_BLOCK));
+	rt_light_cone cone = rt_light_seen(view, ray, lamp);
+	aim.dir = rt_light_direction(cone, u.c, u.d);
+	rt_float cosine = v3_dot(n, aim.dir);
+	rt_float chance = rt_light_chance(view.scene, rt_emission(view, lamp), RT_GATHER_F(view.spheres, lamp, .radius));
+	rt_float weight = rt_light_weight(cone, cosine, chance);
+	if (view.scene->estimator == RT_ESTIMATOR_MIS)
+		weight = rt_mis_aimed(weight);
+	aim.throughput = v3(rt_flush_throughput(throughput.x * weight), rt_flush_throughput(throughput.y * weight),
+	                    rt_flush_throughput(throughput.z * weight));
+	aim.chord = rt_sel(inward, (radius + radius) * cosine, rt_splat(-1.0f));
+	mask = mask & cone.outside & (cosine > rt_splat(0.0f)) &
+	       (rt_max(aim.throughput.x, rt_max(aim.throughput.y, aim.throughput.z)) > rt_splat(0.0f));
+	aim.lamp = rt_sel(mask, lamp, rt_splat_i(-1));
+	return aim;
+}
+#endif
+
 /* Scatters the paths of `shade`, which met sphere hit.index at hit.t. Returns the lanes whose path ends here. */
 RT_FN rt_mask rt_path_scatter(rt_scene_view view, RT_PRIVATE rt_path* path, rt_hit hit, rt_uint pixel, rt_uint sample,
                               rt_mask shade)
@@ -95,6 +158,10 @@ RT_FN rt_mask rt_path_scatter(rt_scene_view view, RT_PRIVATE rt_path* path, rt_h
 	rt_vec3 emission =
 	    v3(RT_GATHER_F(view.materials, material, .emission_r), RT_GATHER_F(view.materials, material, .emission_g),
 	       RT_GATHER_F(view.materials, material, .emission_b));
+#if RT_HAS(RT_FEATURE_LIGHTS)
+	rt_mask emits = rt_max(emission.x, rt_max(emission.y, emission.z)) > rt_splat(0.0f);
+	emission = v3_scale(rt_chance_weight(view, *path, index, emission, shade & emits), emission);
+#endif
 	rt_vec3 lit = v3(rt_fma(path->throughput.x, emission.x, path->radiance.x),
 	                 rt_fma(path->throughput.y, emission.y, path->radiance.y),
 	                 rt_fma(path->throughput.z, emission.z, path->radiance.z));
@@ -173,6 +240,9 @@ RT_FN rt_mask rt_path_scatter(rt_scene_view view, RT_PRIVATE rt_path* path, rt_h
 	rt_vec3 throughput = v3_mul(path->throughput, albedo);
 	throughput =
 	    v3(rt_flush_throughput(throughput.x), rt_flush_throughput(throughput.y), rt_flush_throughput(throughput.z));
+#if RT_HAS(RT_FEATURE_LIGHTS)
+	rt_vec3 aimed_throughput = throughput;
+#endif
 #if RT_HAS(RT_FEATURE_ROULETTE)
 	rt_float brightest = rt_max(throughput.x, rt_max(throughput.y, throughput.z));
 	rt_mask at_stake = (path->depth + 1 >= rt_splat_i((rt_i32)view.scene->roulette)) & (brightest < rt_splat(1.0f));
@@ -197,8 +267,34 @@ RT_FN rt_mask rt_path_scatter(rt_scene_view view, RT_PRIVATE rt_path* path, rt_h
 	path->throughput = v3_sel(shade, throughput, path->throughput);
 	path->depth = rt_sel(shade, path->depth + 1, path->depth);
 	ended = ended | (path->depth >= rt_splat_i((rt_i32)view.scene->max_depth));
+#if RT_HAS(RT_FEATURE_LIGHTS)
+	rt_mask aiming = shade & diffuse & (path->depth < rt_splat_i((rt_i32)view.scene->max_depth));
+	path->cosine = rt_sel(shade, rt_sel(diffuse, v3_dot(n, direction), rt_splat(0.0f)), path->cosine);
+	path->aim.lamp = rt_splat_i(-1);
+	if (view.scene->estimator != RT_ESTIMATOR_PATH && rt_any(aiming))
+		path->aim = rt_aim_at_lamp(view, leaving, n, inward, surface.radius, aimed_throughput, u, pixel, sample,
+		                           rt_to_uint(path->depth), aiming);
+#endif
 	return ended & shade;
 }
+
+#if RT_HAS(RT_FEATURE_LIGHTS)
+/* Follows the rays that the paths of `mask` aimed at lamps. A lamp is seen where it is the nearest that the ray meets.
+ */
+RT_FN rt_vec3 rt_gather_aimed(rt_scene_view view, rt_path path, rt_mask mask)
+{
+	rt_ray ray = path.ray;
+	ray.dir = path.aim.dir;
+	ray.chord = path.aim.chord;
+	rt_hit hit = rt_closest_hit(view, ray, mask);
+	rt_mask seen = mask & (hit.index == path.aim.lamp);
+	rt_vec3 emission = rt_emission(view, rt_sel(seen, path.aim.lamp, rt_splat_i(0)));
+	rt_vec3 lit = v3(rt_fma(path.aim.throughput.x, emission.x, path.radiance.x),
+	                 rt_fma(path.aim.throughput.y, emission.y, path.radiance.y),
+	                 rt_fma(path.aim.throughput.z, emission.z, path.radiance.z));
+	return v3_sel(seen, lit, path.radiance);
+}
+#endif
 
 /* Takes the samples of the lanes' pixels (x, y), in image coordinates, where `live`; *segments counts path segments. */
 RT_FN rt_film_sum rt_trace_pixels(rt_scene_view view, rt_uint x, rt_uint y, rt_mask live, rt_u32 first_sample,
@@ -232,6 +328,13 @@ RT_FN rt_film_sum rt_trace_pixels(rt_scene_view view, rt_uint x, rt_uint y, rt_m
 #endif
 			if (rt_any(shade))
 				finished = finished | rt_path_scatter(view, &path, hit, pixel, sample, shade);
+#if RT_HAS(RT_FEATURE_LIGHTS)
+			rt_mask aimed = shade & (path.aim.lamp >= rt_splat_i(0));
+			if (rt_any(aimed)) {
+				path.radiance = rt_gather_aimed(view, path, aimed);
+				traced += rt_sel(aimed, rt_splat_u(1u), rt_splat_u(0u));
+			}
+#endif
 
 			if (rt_any(finished)) {
 				sum = rt_film_add(view.scene, sum, finished, path.radiance);

@@ -60,8 +60,9 @@ RT_KERNEL(rt_render)
  RT_GLOBAL const rt_wide* RT_RESTRICT wide, RT_GLOBAL const rt_u32* RT_RESTRICT sphere_ids,
  RT_GLOBAL const rt_u32* RT_RESTRICT sphere_materials, RT_GLOBAL const rt_row4* RT_RESTRICT bvh,
  RT_GLOBAL const rt_material* RT_RESTRICT materials, RT_GLOBAL const rt_texture* RT_RESTRICT textures,
- RT_GLOBAL const rt_u32* RT_RESTRICT texels, RT_GLOBAL rt_film_pixel* RT_RESTRICT film, rt_u32 first_row,
- rt_u32 row_count, rt_u32 first_sample, rt_u32 sample_count, rt_u32 slices, rt_u32 slice_pixels)
+ RT_GLOBAL const rt_u32* RT_RESTRICT texels, RT_GLOBAL const rt_light* RT_RESTRICT lights,
+ RT_GLOBAL rt_film_pixel* RT_RESTRICT film, rt_u32 first_row, rt_u32 row_count, rt_u32 first_sample,
+ rt_u32 sample_count, rt_u32 slices, rt_u32 slice_pixels)
 {
 	RT_UNIFORM const rt_scene* scene = &scene_value;
 	rt_scene_view view;
@@ -75,6 +76,7 @@ RT_KERNEL(rt_render)
 	view.materials = materials;
 	view.textures = textures;
 	view.texels = texels;
+	view.lights = lights;
 
 	/* Lanes are neighbours in a tile, so a work-item never straddles two tiles. */
 	rt_u32 tiles_across = (scene->window_width + (RT_TILE_WIDTH - 1u)) / RT_TILE_WIDTH;

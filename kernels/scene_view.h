@@ -15,6 +15,7 @@ typedef struct rt_scene_view {
 	RT_GLOBAL const rt_material* materials;
 	RT_GLOBAL const rt_texture* textures;
 	RT_GLOBAL const rt_u32* texels;
+	RT_GLOBAL const rt_light* lights; /* only where rays are aimed at lamps */
 } rt_scene_view;
 
 #endif

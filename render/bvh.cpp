@@ -1,6 +1,7 @@
 #include "render/bvh.h"
 
 #include "common/rt_features.h"
+#include "render/lights.h"
 #include "support/thread_pool.h"
 
 #include <algorithm>
@@ -527,6 +528,7 @@ Result<PackedScene> with_bvh(const PackedScene& packed, std::uint32_t lanes, Bvh
 			out.sphere_ids[wide + i] = packed.sphere_ids[source];
 			out.sphere_materials[wide + i] = packed.sphere_materials[source];
 		}
+		follow_spheres(packed, out);
 		if (shape.blocks)
 			fill_blocks(tree, out, shape.width);
 		out.scene.bvh_root = root;

@@ -2,6 +2,7 @@
 
 #include "common/rt_contract.h"
 #include "common/rt_features.h"
+#include "render/lights.h"
 #include "support/float_environment.h"
 
 #include <algorithm>
@@ -301,8 +302,43 @@ std::uint32_t features_of(const RenderSettings& settings)
 	return features;
 }
 
-// The largest radiance that a sample can gather. A surface that both emits and scatters adds up along a path: at most
-// the geometric series of the largest albedo.
+// 1 + a + a^2 + ..., so many terms; at least the true sum but for roundings.
+double geometric_series(double a, std::uint32_t terms)
+{
+	if (a >= 1)
+		return terms;
+	double sum = 0;
+	for (std::uint32_t k = 0; k < terms; ++k) {
+		const double next = std::fma(sum, a, 1.0);
+		if (next == sum)
+			break;
+		sum = next;
+	}
+	return sum;
+}
+
+// What the rays that a path aims at lamps can add. The k-th diffuse surface on the way, k = 1, 2, ..., aims with a
+// throughput of at most A^k, A being the largest albedo of such surfaces, and the last of max_depth surfaces aims no
+// more. The weight W = 2 (1 - cos_max) cos / p of an aimed ray (kernels/light.h) is at most 2 / p, since both factors
+// are at most 1. With multiple importance sampling it is W / (1 + W^2), at most 1/2 for any p.
+double largest_aimed(const Scene& scene, const RenderSettings& settings, const PackedScene& packed)
+{
+	if (packed.lights.empty())
+		return 0;
+	double emission = 0, albedo = 0;
+	for (const Material& material : scene.materials) {
+		emission = std::max(emission, largest(material.emission));
+		if (material.kind == Material::Kind::Lambertian)
+			albedo = std::max(albedo, material.texture < 0 ? largest(material.albedo) : 1.0);
+	}
+	if (settings.roulette > 0)
+		albedo = 1; // it gives back what albedos took
+	const double once = packed.scene.estimator == RT_ESTIMATOR_MIS ? emission / 2 : 2 * brightest_choice(packed);
+	return once * albedo * geometric_series(albedo, settings.max_depth - 1);
+}
+
+// The largest radiance that a sample can gather where lamps are met by chance. A surface that both emits and scatters
+// adds up along a path: at most the geometric series of the largest albedo.
 double largest_radiance(const Scene& scene, const RenderSettings& settings)
 {
 	double sky = 0;
@@ -322,16 +358,7 @@ double largest_radiance(const Scene& scene, const RenderSettings& settings)
 	}
 	if (!glows)
 		return std::max(sky, emission);
-	double series = 0;
-	for (std::uint32_t k = 0; k < settings.max_depth && (k == 0 || albedo < 1); ++k) {
-		const double next = std::fma(series, albedo, 1.0);
-		if (next == series)
-			break;
-		series = next;
-	}
-	if (albedo >= 1)
-		series = settings.max_depth;
-	return std::fma(emission, series, sky);
+	return std::fma(emission, geometric_series(albedo, settings.max_depth), sky);
 }
 
 } // namespace
@@ -340,7 +367,8 @@ std::uint64_t PackedScene::bytes() const
 {
 	return sizeof(rt_scene) + spheres.size() * sizeof(rt_sphere) + wide.size() * sizeof(rt_wide) +
 	       (sphere_ids.size() + sphere_materials.size() + texels.size()) * sizeof(std::uint32_t) +
-	       bvh.size() * sizeof(rt_row4) + materials.size() * sizeof(rt_material) + textures.size() * sizeof(rt_texture);
+	       lights.size() * sizeof(rt_light) + bvh.size() * sizeof(rt_row4) + materials.size() * sizeof(rt_material) +
+	       textures.size() * sizeof(rt_texture);
 }
 
 Result<PackedScene> pack_scene(const Scene& scene, const RenderSettings& settings, const Window& window)
@@ -381,8 +409,9 @@ Result<PackedScene> pack_scene(const Scene& scene, const RenderSettings& setting
 	packed.scene.wide_count = static_cast<std::uint32_t>(packed.wide.size());
 	packed.scene.bvh_root = RT_BVH_NONE;
 	packed.features = features_of(scene, packed) | features_of(settings);
+	RT_TRY(pack_lights(packed));
 
-	const double brightest = largest_radiance(scene, settings);
+	const double brightest = largest_radiance(scene, settings) + largest_aimed(scene, settings, packed);
 	const int ceiling = brightest > 0 ? ceil_log2(brightest) : 0;
 	packed.film_exponent = RT_FILM_BITS - ceiling;
 	packed.scene.film_scale = std::ldexp(1.0f, packed.film_exponent);
@@ -403,6 +432,7 @@ PackedScene permute_spheres(const PackedScene& packed, const std::vector<std::ui
 		if (stored < packed.wide.size())
 			out.wide[stored] = packed.wide[source];
 	}
+	follow_spheres(packed, out);
 	out.features |= RT_FEATURE_PERMUTED;
 	return out;
 }

@@ -22,7 +22,8 @@ struct PackedScene {
 	std::vector<rt_material> materials;
 	std::vector<rt_texture> textures;
 	std::vector<std::uint32_t> texels;
-	std::uint32_t features = 0; // RT_FEATURE_* bits that the scene needs
+	std::vector<rt_light> lights; // empty, or the table by which lamps are chosen (render/lights.h)
+	std::uint32_t features = 0;   // RT_FEATURE_* bits that the scene needs
 	std::int32_t film_exponent = 0;
 
 	std::uint64_t bytes() const; // device memory of everything above

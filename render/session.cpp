@@ -202,6 +202,7 @@ public:
 		RT_TRY(upload_list(materials_, &PackedScene::materials));
 		RT_TRY(upload_list(textures_, &PackedScene::textures));
 		RT_TRY(upload_list(texels_, &PackedScene::texels));
+		RT_TRY(upload_list(lights_, &PackedScene::lights));
 		stats_.upload_seconds = seconds_since(start);
 		return success();
 	}
@@ -322,7 +323,7 @@ private:
 		}
 		RT_TRY(device_->launch(program_, "rt_render", tiles * slices_ * 32 / stats_.lanes,
 		                       {by_value(scene_), by_value(few_), spheres_, wide_, ids_, sphere_materials_, bvh_,
-		                        materials_, textures_, texels_, film_, work.first_row, work.rows, work.first_sample,
+		                        materials_, textures_, texels_, lights_, film_, work.first_row, work.rows, work.first_sample,
 		                        work.samples, slices_, static_cast<std::uint32_t>(page_pixels_)},
 		                       shared_.options.group_size));
 		RT_TRY(device_->wait());
@@ -422,7 +423,7 @@ private:
 	ProgramHandle program_;
 	rt_scene scene_{}; // of the page
 	rt_few_spheres few_{};
-	BufferHandle spheres_, wide_, ids_, sphere_materials_, bvh_, materials_, textures_, texels_, film_;
+	BufferHandle spheres_, wide_, ids_, sphere_materials_, bvh_, materials_, textures_, texels_, lights_, film_;
 	std::uint32_t page_row_ = 0;
 	std::size_t page_pixels_ = 0;
 	std::uint32_t slices_ = 1;

@@ -100,6 +100,7 @@ Result<Tracer::Resident> Tracer::upload(const PackedScene& packed) const
 	RT_TRY(put(resident.materials, packed.materials));
 	RT_TRY(put(resident.textures, packed.textures));
 	RT_TRY(put(resident.texels, packed.texels));
+	RT_TRY(put(resident.lights, packed.lights));
 	return resident;
 }
 
@@ -124,6 +125,7 @@ Result<std::vector<Argument>> Tracer::arguments(const Resident& resident, const 
 	                             resident.materials,
 	                             resident.textures,
 	                             resident.texels,
+	                             resident.lights,
 	                             film_,
 	                             0u,
 	                             1u,

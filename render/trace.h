@@ -64,7 +64,7 @@ private:
 	struct Resident {
 		rt_scene scene{};
 		rt_few_spheres few{};
-		BufferHandle spheres, wide, ids, sphere_materials, bvh, materials, textures, texels;
+		BufferHandle spheres, wide, ids, sphere_materials, bvh, materials, textures, texels, lights;
 	};
 
 	Tracer() = default;

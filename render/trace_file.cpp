@@ -128,6 +128,7 @@ std::string inputs_hash(const PackedScene& packed)
 	add_list(hasher, packed.materials);
 	add_list(hasher, packed.textures);
 	add_list(hasher, packed.texels);
+	add_list(hasher, packed.lights);
 	return hasher.result().hex();
 }
 

@@ -558,7 +558,8 @@ rt_scene_view view_of(const PackedScene& packed)
 	        packed.bvh.data(),
 	        packed.materials.data(),
 	        packed.textures.data(),
-	        packed.texels.data()};
+	        packed.texels.data(),
+	        packed.lights.data()};
 }
 
 struct Probe {

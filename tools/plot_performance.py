@@ -432,7 +432,8 @@ def bench_text(entry):
         f"{kernel['entry']}: {kernel['registers']} registers, occupancy {100 * kernel['occupancy']:.0f} %"
         for kernel in entry["build"]["kernels"] if kernel.get("registers") and kernel.get("occupancy"))
     share = f"; sphere tests {100 * model['share_of_fma_peak']:.1f} % of the former" if model else ""
-    lines += ["", f"{entry['launches']} launches, {entry['lanes']} lane{'s' if entry['lanes'] > 1 else ''}{', a tree' if entry['bvh'] else ''}. Peak "
+    lanes = f"{entry['lanes']} lane{'s' if entry['lanes'] > 1 else ''}"
+    lines += ["", f"{entry['launches']} launches, {lanes}{', a tree' if entry['bvh'] else ''}. Peak "
               f"{count_text(peak['fma_per_second'])} fma/s, {count_text(peak['integer_per_second'])} integer "
               f"multiply-adds/s{share}. {kernels}".rstrip(), ""]
     return lines

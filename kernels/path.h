@@ -178,7 +178,8 @@ RT_FN rt_mask rt_path_scatter(rt_scene_view view, RT_PRIVATE rt_path* path, rt_h
 	rt_mask inward = rt_not(front);
 
 	/* Choose a direction. */
-	rt_random4 u = rt_scattering_numbers(view.scene, pixel, sample, rt_to_uint(path->depth + 1));
+	rt_uint block = rt_to_uint(path->depth + 1);
+	rt_random4 u = rt_scattering_numbers(view.scene, pixel, sample, block);
 	rt_vec3 direction = n;
 	rt_mask mirror = RT_FALSE; /* may point below the surface, where metal absorbs */
 #if RT_HAS(RT_FEATURE_DIELECTRIC)
@@ -247,8 +248,8 @@ RT_FN rt_mask rt_path_scatter(rt_scene_view view, RT_PRIVATE rt_path* path, rt_h
 	rt_float brightest = rt_max(throughput.x, rt_max(throughput.y, throughput.z));
 	rt_mask at_stake = (path->depth + 1 >= rt_splat_i((rt_i32)view.scene->roulette)) & (brightest < rt_splat(1.0f));
 	if (view.scene->roulette != 0u && rt_any(shade & at_stake)) {
-		rt_float weight = rt_roulette(view.scene->seed, pixel, sample, rt_to_uint(path->depth + 1),
-		                              rt_sel(at_stake, brightest, rt_splat(0.0f)));
+		rt_float weight =
+		    rt_roulette(view.scene->seed, pixel, sample, block, rt_sel(at_stake, brightest, rt_splat(0.0f)));
 		throughput = v3_sel(at_stake, v3_scale(weight, throughput), throughput);
 	}
 #endif

@@ -289,7 +289,7 @@ TEST_CASE("a number of a block is the textbook's point, reordered and scrambled"
 	}
 }
 
-TEST_CASE("every run of 2^m Sobol points is a (0, m, 2)-net, scrambled or not")
+TEST_CASE("rule 14: every run of 2^m Sobol points is a (0, m, 2)-net, scrambled or not")
 {
 	CHECK(net_defects(
 	          [](std::uint32_t i) {
@@ -559,7 +559,7 @@ TEST_CASE("samplers: closed stays exact, and a render goes on where it stopped")
 
 // ---- roulette ----
 
-TEST_CASE("roulette: a path goes on with exactly its probability, and no weight exceeds 1")
+TEST_CASE("rule 6: roulette: a path goes on with exactly its probability, and no weight exceeds 1")
 {
 	// Over all 2^24 numbers that the first of a block may be: the probability is a whole number of them.
 	std::mt19937 engine(3);

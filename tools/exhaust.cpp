@@ -118,22 +118,14 @@ Result<Wanted> read_arguments(int argc, char** argv)
 
 Json to_json(const ExhaustiveResult& r)
 {
-	return {{"function", r.name},
-	        {"software_roots", r.software_roots},
-	        {"required", r.required},
-	        {"stride", r.stride},
-	        {"total", r.total},
-	        {"done", r.done},
-	        {"tried", r.tried},
-	        {"failures", r.failures},
-	        {"outward", r.outward},
-	        {"controls", r.controls},
-	        {"bits", r.bits},
-	        {"max_ulp", r.max_ulp},
-	        {"max_error", r.max_error},
-	        {"seconds", r.seconds},
-	        {"note", r.note},
-	        {"first_failure", r.first_failure}};
+	return {{"function", r.name},       {"software_roots", r.software_roots},
+	        {"required", r.required},   {"stride", r.stride},
+	        {"total", r.total},         {"done", r.done},
+	        {"tried", r.tried},         {"failures", r.failures},
+	        {"outward", r.outward},     {"controls", r.controls},
+	        {"bits", r.bits},           {"max_ulp", r.max_ulp},
+	        {"max_error", r.max_error}, {"seconds", r.seconds},
+	        {"note", r.note},           {"first_failure", r.first_failure}};
 }
 
 ExhaustiveResult from_json(const Json& j)

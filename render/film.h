@@ -33,7 +33,7 @@ public:
 	// Sums of R, G, B a pixel, window rows from the top: 3 * pixels().
 	Zeroed<std::int64_t>& sums() { return sums_; }
 	const Zeroed<std::int64_t>& sums() const { return sums_; }
-	// Samples taken a pixel: pixels(). Uneven only in a film that was interrupted.
+	// Samples taken a pixel: pixels(). Uneven only in a film that was interrupted, or rendered to an error.
 	Zeroed<std::uint32_t>& samples() { return samples_; }
 	const Zeroed<std::uint32_t>& samples() const { return samples_; }
 

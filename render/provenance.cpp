@@ -17,6 +17,7 @@ constexpr Key keys[] = {
     // Contract stands for what the kernels compute; their hash changes with a comment.
     {"Contract", KeyEffect::Image},  {"SceneHash", KeyEffect::Image},     {"Frame", KeyEffect::Image},
     {"Width", KeyEffect::Image},     {"Height", KeyEffect::Image},        {"Window", KeyEffect::Image},
+    {"Error", KeyEffect::Image},     {"SampleLimit", KeyEffect::Image},   {"TimeLimit", KeyEffect::Device},
     {"Samples", KeyEffect::Image},   {"Seed", KeyEffect::Image},          {"MaxDepth", KeyEffect::Image},
     {"Sampler", KeyEffect::Image},   {"Estimator", KeyEffect::Image},     {"Roulette", KeyEffect::Image},
     {"Precision", KeyEffect::Image}, {"Transfer", KeyEffect::Display},    {"Exposure", KeyEffect::Display},

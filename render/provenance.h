@@ -1,9 +1,9 @@
 // provenance.h: how an image was made, as key and value, in the order in which it is written.
 //
-// The keys are the same in PNG text chunks (prefixed "rt:"), EXR attributes ("rt:") and .rtfilm headers:
-// Software, Contract, Scene, SceneHash, Frame, Width, Height, Window, Samples, Seed, MaxDepth, Sampler, Estimator,
-// Roulette (these three only where they are not the default), Precision, KernelHash, Backend, Device, Driver, Compiler,
-// BuildOptions, SelfTest, Rejected, FilmHash, Transfer, Exposure.
+// The keys are the same in PNG text chunks, EXR attributes (both prefixed "rt:") and .rtfilm headers: Software,
+// Contract, Scene, SceneHash, Frame, Width, Height, Window, Samples, Error, SampleLimit, TimeLimit, Seed, MaxDepth,
+// Sampler, Estimator, Roulette (these six only where they are not the default), Precision, KernelHash, Backend, Device,
+// Driver, Compiler, BuildOptions, SelfTest, Rejected, FilmHash, Transfer, Exposure.
 #pragma once
 
 #include <string>

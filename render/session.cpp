@@ -58,64 +58,121 @@ std::uint32_t lanes_of(const DeviceInfo& device, const SessionOptions& options)
 	return options.lanes ? options.lanes : lanes_for(device, options.precision);
 }
 
-// ---- the work of one page: rows x samples, handed out in launches ----
+// ---- the work of one page: parts of the window x samples, handed out in launches ----
 
+// Pixels that lie together in a device's film, row after row. A launch sees them as the rows [first_row, first_row +
+// height) of a window as wide as they are, which begins so far above that these rows are the part's: then the kernel
+// puts each part where the one before it ends, and knows nothing of parts.
+struct Part {
+	Window window; // in the coordinates of the session's window
+	std::uint32_t first_row = 0;
+	std::size_t first_pixel() const { return std::size_t(first_row) * window.width; }
+	std::size_t pixels() const { return std::size_t(window.width) * window.height; }
+};
+
+// What a device's film holds at once.
+struct Page {
+	std::vector<Part> parts;
+	std::size_t pixels = 0;      // of the device's film: parts begin at whole rows of their own, which leaves gaps
+	std::size_t part_pixels = 0; // of the parts alone
+};
+
+// Cuts the windows into parts and shares them out among pages of about so many pixels.
+std::vector<Page> pages_of(const std::vector<Window>& windows, std::size_t page_pixels)
+{
+	std::vector<Page> pages(1);
+	for (const Window& window : windows) {
+		const std::size_t max_rows = std::max<std::size_t>(1, page_pixels / window.width);
+		for (std::uint32_t row = 0; row < window.height;) {
+			Part part;
+			const std::size_t rows = std::min<std::size_t>(max_rows, window.height - row);
+			part.window = {window.x, window.y + row, window.width, static_cast<std::uint32_t>(rows)};
+			part.first_row = static_cast<std::uint32_t>((pages.back().pixels + window.width - 1) / window.width);
+			if (part.first_pixel() + part.pixels() > page_pixels && !pages.back().parts.empty()) {
+				pages.emplace_back();
+				part.first_row = 0;
+			}
+			Page& page = pages.back();
+			page.pixels = part.first_pixel() + part.pixels();
+			page.part_pixels += part.pixels();
+			page.parts.push_back(part);
+			row += part.window.height;
+		}
+	}
+	return pages;
+}
+
+// One launch.
 struct Work {
-	std::uint32_t first_row = 0, rows = 0; // within the page
+	std::size_t part = 0;                  // of the page
+	std::uint32_t first_row = 0, rows = 0; // within the part
 	std::uint32_t first_sample = 0, samples = 0;
 };
 
-// Hands out a page's work. A pass is a range of samples over all rows; a worker that finds an unfinished pass takes
-// rows of it, otherwise it opens the next pass with as many samples as it manages in one launch.
+// Hands out a page's work. A pass is a range of samples over all parts; a worker that finds an unfinished pass takes
+// rows of it, otherwise it opens the next pass with as many samples as it manages at once.
 class WorkQueue {
 public:
-	WorkQueue(std::uint32_t width, std::uint32_t rows, std::uint32_t first_sample, std::uint32_t samples,
-	          std::uint32_t forced_rows, std::uint32_t forced_samples)
-	    : width_(width), rows_(rows), next_sample_(first_sample), end_sample_(first_sample + samples),
-	      forced_rows_(forced_rows), forced_samples_(forced_samples)
+	WorkQueue(const Page& page, std::uint32_t first_sample, std::uint32_t samples, std::uint32_t forced_rows,
+	          std::uint32_t forced_samples)
+	    : page_(page), next_sample_(first_sample), end_sample_(first_sample + samples), forced_rows_(forced_rows),
+	      forced_samples_(forced_samples), next_part_(page.parts.size())
 	{
 	}
 
-	// `budget`: pixel samples that the worker wants to take at once.
-	std::optional<Work> take(double budget)
+	// `budget`: pixel samples that the worker wants to take before it waits. Several launches where parts are small;
+	// none where nothing is left.
+	std::vector<Work> take(double budget)
 	{
-		if (next_row_ == rows_ || !open_) {
+		std::vector<Work> works;
+		if (next_part_ == page_.parts.size()) {
 			if (next_sample_ == end_sample_)
-				return std::nullopt;
-			const double per_sample = double(width_) * rows_;
+				return works;
+			const double per_sample = double(page_.part_pixels);
 			double wanted = std::clamp(budget / per_sample, 1.0, double(RT_MAX_SAMPLES_PER_LAUNCH));
 			if (forced_samples_)
 				wanted = std::min(forced_samples_, RT_MAX_SAMPLES_PER_LAUNCH);
 			pass_first_ = next_sample_;
 			pass_samples_ = std::min(static_cast<std::uint32_t>(wanted), end_sample_ - next_sample_);
 			next_sample_ += pass_samples_;
-			next_row_ = 0;
-			open_ = true;
+			next_part_ = 0;
 		}
-		Work work;
-		work.first_row = next_row_;
-		work.first_sample = pass_first_;
-		work.samples = pass_samples_;
-		const double rows = forced_rows_ ? forced_rows_ : budget / (double(width_) * pass_samples_);
-		const std::uint32_t left = rows_ - next_row_;
-		work.rows = rows >= left ? left : std::max(1u, static_cast<std::uint32_t>(rows));
-		next_row_ += work.rows;
-		return work;
+		do {
+			const Window& window = page_.parts[next_part_].window;
+			const double row_samples = double(window.width) * pass_samples_;
+			const double rows = forced_rows_ ? forced_rows_ : budget / row_samples;
+			const std::uint32_t left = window.height - next_row_;
+			Work work;
+			work.part = next_part_;
+			work.first_row = next_row_;
+			work.rows = rows >= left ? left : std::max(1u, static_cast<std::uint32_t>(rows));
+			work.first_sample = pass_first_;
+			work.samples = pass_samples_;
+			works.push_back(work);
+			budget = std::fma(-row_samples, double(work.rows), budget);
+			next_row_ += work.rows;
+			if (next_row_ == window.height) {
+				next_row_ = 0;
+				next_part_ += 1;
+			}
+		} while (!forced_rows_ && next_row_ == 0 && next_part_ < page_.parts.size() &&
+		         budget >= double(page_.parts[next_part_].pixels()) * pass_samples_);
+		return works;
 	}
 
 private:
-	std::uint32_t width_, rows_;
+	const Page& page_;
 	std::uint32_t next_sample_, end_sample_;
 	std::uint32_t forced_rows_, forced_samples_;
+	std::size_t next_part_;
 	std::uint32_t next_row_ = 0, pass_first_ = 0, pass_samples_ = 0;
-	bool open_ = false;
 };
 
 // ---- what the workers of a session share ----
 
 struct Shared {
 	const PackedScene& packed;
-	const SessionOptions& options;
+	const SessionOptions options;
 
 	Shared(const PackedScene& scene, const SessionOptions& wanted) : packed(scene), options(wanted) {}
 
@@ -207,15 +264,12 @@ public:
 		return success();
 	}
 
-	Status begin_page(std::uint32_t first_row, std::uint32_t rows)
+	// `samples`: that will be taken of each pixel. The page must live until the next one begins.
+	Status begin_page(const Page& page, std::uint32_t samples)
 	{
-		page_row_ = first_row;
-		page_pixels_ = std::size_t(rows) * shared_.packed.scene.window_width;
-		scene_ = packed_.scene;
-		scene_.window_y += first_row;
-		scene_.window_height = rows;
-		slices_ = slices_for(page_pixels_);
-		const std::size_t bytes = page_pixels_ * slices_ * sizeof(rt_film_pixel);
+		page_ = &page;
+		slices_ = slices_for(page, samples);
+		const std::size_t bytes = page.pixels * slices_ * sizeof(rt_film_pixel);
 		if (!film_ || film_->bytes() < bytes) {
 			film_.reset();
 			RT_TRY_ASSIGN(film_, device_->alloc(bytes));
@@ -227,14 +281,14 @@ public:
 	Status run_page(WorkQueue& queue)
 	{
 		while (!shared_.must_stop()) {
-			std::optional<Work> work;
+			std::vector<Work> works;
 			{
 				const std::lock_guard<std::mutex> lock(shared_.mutex);
-				work = queue.take(budget_);
+				works = queue.take(budget_);
 			}
-			if (!work)
+			if (works.empty())
 				break;
-			RT_TRY(run(*work));
+			RT_TRY(run(works));
 			RT_TRY(serve_snapshot());
 		}
 		return drain();
@@ -247,7 +301,7 @@ public:
 			return success();
 		const Clock::time_point start = Clock::now();
 		if (slices_ > 1) {
-			const auto pixels = static_cast<std::uint32_t>(page_pixels_);
+			const auto pixels = static_cast<std::uint32_t>(page_->pixels);
 			RT_TRY(device_->launch(program_, "rt_merge", pixels, {film_, pixels, slices_}));
 		}
 		// Memory of the film that nobody has read or written is cheaper to store in than to add to: one page fault for
@@ -258,17 +312,16 @@ public:
 			store = shared_.page_is_fresh && shared_.page_workers == 1;
 			shared_.page_is_fresh = false;
 		}
-		const std::size_t offset = std::size_t(page_row_) * shared_.packed.scene.window_width;
-		RT_TRY(device_->read_pieces(film_, 0, page_pixels_ * sizeof(rt_film_pixel),
+		RT_TRY(device_->read_pieces(film_, 0, page_->pixels * sizeof(rt_film_pixel),
 		                            [&](const void* data, std::size_t first, std::size_t bytes) {
 			                            const std::lock_guard<std::mutex> lock(shared_.mutex);
-			                            add_pixels(static_cast<const rt_film_pixel*>(data),
-			                                       offset + first / sizeof(rt_film_pixel),
-			                                       bytes / sizeof(rt_film_pixel), store);
+			                            add_piece(static_cast<const rt_film_pixel*>(data),
+			                                      first / sizeof(rt_film_pixel), bytes / sizeof(rt_film_pixel), store);
 		                            }));
 		{
 			const std::lock_guard<std::mutex> lock(shared_.mutex);
-			add_samples(offset, store);
+			for (std::size_t part = 0; part < page_->parts.size(); ++part)
+				add_samples(part, store);
 		}
 		done_.clear();
 		film_is_clear_ = false;
@@ -284,17 +337,19 @@ private:
 	}
 
 	// How many parts a pixel's samples are taken in, so that a GPU has enough to do.
-	std::uint32_t slices_for(std::size_t pixels) const
+	std::uint32_t slices_for(const Page& page, std::uint32_t samples) const
 	{
 		const SessionOptions& options = shared_.options;
 		if (options.slices)
 			return options.slices;
 		if (device_->info().kind != DeviceKind::Gpu)
 			return 1;
-		const std::uint64_t wanted = device_->info().compute_units * threads_a_compute_unit * launch_fills / pixels;
-		const std::uint64_t room = page_bytes / (pixels * sizeof(rt_film_pixel));
-		return static_cast<std::uint32_t>(std::max<std::uint64_t>(
-		    1, std::min({wanted, room, std::uint64_t(max_slices), std::uint64_t(options.samples)})));
+		// Launches of one device run one after the other, so each should fill it.
+		const std::uint64_t wanted = device_->info().compute_units * threads_a_compute_unit * launch_fills /
+		                             (page.part_pixels / page.parts.size());
+		const std::uint64_t room = page_bytes / (page.pixels * sizeof(rt_film_pixel));
+		return static_cast<std::uint32_t>(
+		    std::max<std::uint64_t>(1, std::min({wanted, room, std::uint64_t(max_slices), std::uint64_t(samples)})));
 	}
 
 	// An empty list still needs memory that a kernel's argument can point to.
@@ -310,27 +365,37 @@ private:
 		return success();
 	}
 
-	Status run(const Work& work)
+	Status run(const std::vector<Work>& works)
 	{
-		const std::uint32_t width = shared_.packed.scene.window_width;
-		// Tiles of 8x4 pixels, 32 / lanes work-items each (kernels/render.cl).
-		const std::uint64_t tiles = std::uint64_t((width + 7) / 8) * ((work.rows + 3) / 4);
 		const Clock::time_point start = Clock::now();
 		if (!film_is_clear_) {
-			const auto pixels = static_cast<std::uint32_t>(page_pixels_ * slices_);
+			const auto pixels = static_cast<std::uint32_t>(page_->pixels * slices_);
 			RT_TRY(device_->launch(program_, "rt_clear", pixels, {film_, pixels}));
 			film_is_clear_ = true;
 		}
-		RT_TRY(device_->launch(program_, "rt_render", tiles * slices_ * 32 / stats_.lanes,
-		                       {by_value(scene_), by_value(few_), spheres_, wide_, ids_, sphere_materials_, bvh_,
-		                        materials_, textures_, texels_, lights_, film_, work.first_row, work.rows, work.first_sample,
-		                        work.samples, slices_, static_cast<std::uint32_t>(page_pixels_)},
-		                       shared_.options.group_size));
+		std::uint64_t samples = 0;
+		for (const Work& work : works) {
+			const Part& part = page_->parts[work.part];
+			const std::uint32_t width = part.window.width;
+			rt_scene scene = packed_.scene;
+			scene.window_x += part.window.x;
+			scene.window_y += part.window.y - part.first_row; // may wrap: the kernel's sum wraps back
+			scene.window_width = width;
+			scene.window_height = part.window.height;
+			// Tiles of 8x4 pixels, 32 / lanes work-items each (kernels/render.cl).
+			const std::uint64_t tiles = std::uint64_t((width + 7) / 8) * ((work.rows + 3) / 4);
+			RT_TRY(device_->launch(program_, "rt_render", tiles * slices_ * 32 / stats_.lanes,
+			                       {by_value(scene), by_value(few_), spheres_, wide_, ids_, sphere_materials_, bvh_,
+			                        materials_, textures_, texels_, lights_, film_, part.first_row + work.first_row,
+			                        work.rows, work.first_sample, work.samples, slices_,
+			                        static_cast<std::uint32_t>(page_->pixels)},
+			                       shared_.options.group_size));
+			samples += std::uint64_t(width) * work.rows * work.samples;
+		}
 		RT_TRY(device_->wait());
 		const double seconds = seconds_since(start);
-		const std::uint64_t samples = std::uint64_t(width) * work.rows * work.samples;
-		done_.push_back(work);
-		stats_.launches += 1;
+		done_.insert(done_.end(), works.begin(), works.end());
+		stats_.launches += works.size();
 		stats_.samples += samples;
 		stats_.launch_seconds += seconds;
 		// Follow the measured speed, but not blindly: the first launch is dominated by its overhead.
@@ -366,27 +431,48 @@ private:
 		return success();
 	}
 
-	// The film's pixels from `first` on; `store`: they are still zero.
-	void add_pixels(const rt_film_pixel* pixels, std::size_t first, std::size_t count, bool store)
+	// Pixels [first, first + count) of the device's film: some of each part that lies there.
+	void add_piece(const rt_film_pixel* pixels, std::size_t first, std::size_t count, bool store)
+	{
+		for (const Part& part : page_->parts) {
+			const std::size_t begin = std::max(first, part.first_pixel());
+			const std::size_t end = std::min(first + count, part.first_pixel() + part.pixels());
+			if (begin < end)
+				add_pixels(part, begin - part.first_pixel(), end - begin, pixels + (begin - first), store);
+		}
+	}
+
+	// Where a row of a part begins in the shared film.
+	std::size_t film_pixel(const Part& part, std::size_t row) const
+	{
+		return (part.window.y + row) * shared_.packed.scene.window_width + part.window.x;
+	}
+
+	// The part's pixels from `first` on; `store`: they are still zero in the shared film.
+	void add_pixels(const Part& part, std::size_t first, std::size_t count, const rt_film_pixel* pixels, bool store)
 	{
 		constexpr std::uint64_t segments_mask = (std::uint64_t(1) << RT_TALLY_REJECTED_SHIFT) - 1;
+		const std::size_t width = part.window.width;
 		std::atomic<std::uint64_t> segments{0}, rejected{0};
 		parallel_for(count, pixels_a_thread, [&](std::uint64_t begin, std::uint64_t end) {
-			std::int64_t* sums = shared_.film.sums().data() + (first + begin) * 3;
 			std::uint64_t piece_segments = 0, piece_rejected = 0;
-			for (std::uint64_t i = begin; i < end; ++i, sums += 3) {
-				if (store) {
-					sums[0] = pixels[i].r;
-					sums[1] = pixels[i].g;
-					sums[2] = pixels[i].b;
-				} else {
-					sums[0] += pixels[i].r;
-					sums[1] += pixels[i].g;
-					sums[2] += pixels[i].b;
+			for (std::uint64_t i = begin; i < end;) {
+				const std::size_t row = (first + i) / width, column = (first + i) % width;
+				std::int64_t* sums = shared_.film.sums().data() + (film_pixel(part, row) + column) * 3;
+				for (const std::uint64_t row_end = std::min(end, i + (width - column)); i < row_end; ++i, sums += 3) {
+					if (store) {
+						sums[0] = pixels[i].r;
+						sums[1] = pixels[i].g;
+						sums[2] = pixels[i].b;
+					} else {
+						sums[0] += pixels[i].r;
+						sums[1] += pixels[i].g;
+						sums[2] += pixels[i].b;
+					}
+					const auto tally = static_cast<std::uint64_t>(pixels[i].tally);
+					piece_segments += tally & segments_mask;
+					piece_rejected += tally >> RT_TALLY_REJECTED_SHIFT;
 				}
-				const auto tally = static_cast<std::uint64_t>(pixels[i].tally);
-				piece_segments += tally & segments_mask;
-				piece_rejected += tally >> RT_TALLY_REJECTED_SHIFT;
 			}
 			segments += piece_segments;
 			rejected += piece_rejected;
@@ -395,18 +481,19 @@ private:
 		shared_.film.rejected += rejected;
 	}
 
-	// What done_ took of each pixel, as above.
-	void add_samples(std::size_t first, bool store)
+	// What done_ took of each pixel of a part, as above.
+	void add_samples(std::size_t index, bool store)
 	{
 		// All launches of a row together: most took whole pages.
-		const std::size_t width = shared_.packed.scene.window_width, rows = page_pixels_ / width;
+		const Part& part = page_->parts[index];
+		const std::size_t width = part.window.width, rows = part.window.height;
 		std::vector<std::uint32_t> row_samples(rows, 0);
 		for (const Work& work : done_)
-			for (std::uint32_t row = work.first_row; row < work.first_row + work.rows; ++row)
-				row_samples[row] += work.samples;
+			for (std::uint32_t row = 0; work.part == index && row < work.rows; ++row)
+				row_samples[work.first_row + row] += work.samples;
 		parallel_for(rows, 4 * pixels_a_thread / width + 1, [&](std::uint64_t begin, std::uint64_t end) {
-			std::uint32_t* samples = shared_.film.samples().data() + first + begin * width;
-			for (std::uint64_t row = begin; row < end; ++row, samples += width) {
+			for (std::uint64_t row = begin; row < end; ++row) {
+				std::uint32_t* samples = shared_.film.samples().data() + film_pixel(part, row);
 				if (store)
 					std::fill(samples, samples + width, row_samples[row]);
 				else
@@ -421,11 +508,9 @@ private:
 	Shared& shared_;
 	DeviceStats stats_;
 	ProgramHandle program_;
-	rt_scene scene_{}; // of the page
 	rt_few_spheres few_{};
 	BufferHandle spheres_, wide_, ids_, sphere_materials_, bvh_, materials_, textures_, texels_, lights_, film_;
-	std::uint32_t page_row_ = 0;
-	std::size_t page_pixels_ = 0;
+	const Page* page_ = nullptr;
 	std::uint32_t slices_ = 1;
 	bool film_is_clear_ = false; // empty, or holding only the sums of done_
 	std::vector<Work> done_;     // launches whose sums are on the device and not yet in the film
@@ -517,53 +602,26 @@ std::uint64_t host_bytes_needed(const PackedScene& packed)
 	return bytes;
 }
 
-Result<SessionResult> render_scene(const PackedScene& packed, const std::vector<DeviceHandle>& devices,
-                                   const SessionOptions& options)
-{
-	RT_TRY(check_memory(packed, devices));
-	const rt_scene& scene = packed.scene;
-	Shared shared(packed, options);
-	shared.film = Film(scene.width, scene.height,
-	                   {scene.window_x, scene.window_y, scene.window_width, scene.window_height}, packed.film_exponent);
-	shared.samples_total = shared.film.pixels() * options.samples;
+struct Session::State {
+	State(const PackedScene& packed, const SessionOptions& options) : shared(packed, options) {}
 
-	// One tree for each width of lanes among the devices.
-	SessionResult result;
-	std::map<std::uint32_t, PackedScene> trees;
+	Shared shared;
+	std::map<std::uint32_t, PackedScene> trees; // one for each width of lanes among the devices
 	std::vector<Worker> workers;
-	workers.reserve(devices.size());
-	std::uint64_t max_alloc = 0;
-	for (const DeviceHandle& device : devices) {
-		const std::uint32_t lanes = lanes_of(device->info(), options);
-		if (wants_bvh(packed, lanes, options.bvh) && !trees.count(lanes)) {
-			if (options.status)
-				options.status(fmt::format("building a tree of {} spheres", packed.spheres.size()));
-			const Clock::time_point start = Clock::now();
-			RT_TRY_ASSIGN(trees[lanes], with_bvh(packed, lanes));
-			result.bvh_seconds += seconds_since(start);
-		}
-		const auto tree = trees.find(lanes);
-		const bool last =
-		    std::none_of(devices.begin() + static_cast<std::ptrdiff_t>(workers.size()) + 1, devices.end(),
-		                 [&](const DeviceHandle& later) { return lanes_of(later->info(), options) == lanes; });
-		workers.emplace_back(device, tree == trees.end() ? packed : tree->second,
-		                     tree == trees.end() || !last ? nullptr : &tree->second, shared);
-		RT_TRY(workers.back().prepare());
-		const std::uint64_t bytes = device->info().max_alloc_bytes;
-		max_alloc = max_alloc && bytes ? std::min(max_alloc, bytes) : std::max(max_alloc, bytes);
-	}
+	std::size_t page_pixels = 0;
+	bool interrupted = false, begun = false;
+	double bvh_seconds = 0, render_seconds = 0;
 
-	shared.start = shared.last_progress = Clock::now();
-	const std::uint32_t rows_per_page = page_rows(packed, max_alloc);
-	for (std::uint32_t row = 0; row < scene.window_height && !shared.must_stop(); row += rows_per_page) {
-		const std::uint32_t rows = std::min(rows_per_page, scene.window_height - row);
-		WorkQueue queue(scene.window_width, rows, options.first_sample, options.samples, options.rows_per_launch,
-		                options.samples_per_launch);
+	// `fresh`: nothing has been rendered into the film yet but other pages.
+	void render_page(const Page& page, std::uint32_t first_sample, std::uint32_t samples, bool fresh)
+	{
+		const SessionOptions& options = shared.options;
+		WorkQueue queue(page, first_sample, samples, options.rows_per_launch, options.samples_per_launch);
 		shared.workers = static_cast<unsigned>(workers.size());
 		shared.page_workers = workers.size();
-		shared.page_is_fresh = true;
+		shared.page_is_fresh = fresh;
 		const auto work = [&](Worker& worker) {
-			Status status = worker.begin_page(row, rows);
+			Status status = worker.begin_page(page, samples);
 			if (status)
 				status = worker.run_page(queue);
 			const std::lock_guard<std::mutex> lock(shared.mutex);
@@ -581,16 +639,96 @@ Result<SessionResult> render_scene(const PackedScene& packed, const std::vector<
 		for (std::thread& thread : threads)
 			thread.join();
 	}
+};
+
+Session::Session(std::unique_ptr<State> state) : state_(std::move(state)) {}
+Session::Session(Session&&) noexcept = default;
+Session& Session::operator=(Session&&) noexcept = default;
+Session::~Session() = default;
+
+Result<Session> Session::open(const PackedScene& packed, const std::vector<DeviceHandle>& devices,
+                              const SessionOptions& options)
+{
+	RT_TRY(check_memory(packed, devices));
+	const rt_scene& scene = packed.scene;
+	auto state = std::make_unique<State>(packed, options);
+	state->shared.film =
+	    Film(scene.width, scene.height, {scene.window_x, scene.window_y, scene.window_width, scene.window_height},
+	         packed.film_exponent);
+
+	std::map<std::uint32_t, PackedScene>& trees = state->trees;
+	std::vector<Worker>& workers = state->workers;
+	workers.reserve(devices.size());
+	std::uint64_t max_alloc = 0;
+	for (const DeviceHandle& device : devices) {
+		const std::uint32_t lanes = lanes_of(device->info(), options);
+		if (wants_bvh(packed, lanes, options.bvh) && !trees.count(lanes)) {
+			if (options.status)
+				options.status(fmt::format("building a tree of {} spheres", packed.spheres.size()));
+			const Clock::time_point start = Clock::now();
+			RT_TRY_ASSIGN(trees[lanes], with_bvh(packed, lanes));
+			state->bvh_seconds += seconds_since(start);
+		}
+		const auto tree = trees.find(lanes);
+		const bool last =
+		    std::none_of(devices.begin() + static_cast<std::ptrdiff_t>(workers.size()) + 1, devices.end(),
+		                 [&](const DeviceHandle& later) { return lanes_of(later->info(), options) == lanes; });
+		workers.emplace_back(device, tree == trees.end() ? packed : tree->second,
+		                     tree == trees.end() || !last ? nullptr : &tree->second, state->shared);
+		RT_TRY(workers.back().prepare());
+		const std::uint64_t bytes = device->info().max_alloc_bytes;
+		max_alloc = max_alloc && bytes ? std::min(max_alloc, bytes) : std::max(max_alloc, bytes);
+	}
+	state->page_pixels = std::size_t(page_rows(packed, max_alloc)) * scene.window_width;
+	return Session(std::move(state));
+}
+
+Result<bool> Session::take(std::uint32_t first_sample, std::uint32_t samples, const std::vector<Window>& windows)
+{
+	Shared& shared = state_->shared;
+	const Clock::time_point start = Clock::now();
+	const bool fresh = !state_->begun;
+	state_->begun = true;
+	if (fresh)
+		shared.start = shared.last_progress = start;
+	std::uint64_t wanted = shared.samples_done;
+	for (const Page& page : pages_of(windows, state_->page_pixels)) {
+		wanted += std::uint64_t(page.part_pixels) * samples;
+		if (!shared.must_stop())
+			state_->render_page(page, first_sample, samples, fresh);
+	}
+	state_->render_seconds += seconds_since(start);
 	if (shared.error)
 		return *shared.error;
-	shared.report_progress(true);
+	state_->interrupted = shared.samples_done < wanted;
+	return !state_->interrupted;
+}
 
-	result.render_seconds = seconds_since(shared.start);
-	result.interrupted = shared.samples_done < shared.samples_total;
-	for (const Worker& worker : workers)
+void Session::expect_samples(std::uint64_t total) { state_->shared.samples_total = total; }
+const Film& Session::film() const { return state_->shared.film; }
+
+SessionResult Session::finish() &&
+{
+	Shared& shared = state_->shared;
+	shared.report_progress(true);
+	SessionResult result;
+	result.interrupted = state_->interrupted;
+	result.bvh_seconds = state_->bvh_seconds;
+	result.render_seconds = state_->render_seconds;
+	for (const Worker& worker : state_->workers)
 		result.devices.push_back(worker.stats());
 	result.film = std::move(shared.film);
 	return result;
+}
+
+Result<SessionResult> render_scene(const PackedScene& packed, const std::vector<DeviceHandle>& devices,
+                                   const SessionOptions& options)
+{
+	RT_TRY_ASSIGN(Session session, Session::open(packed, devices, options));
+	session.expect_samples(session.film().pixels() * options.samples);
+	const rt_scene& scene = packed.scene;
+	RT_TRY(session.take(options.first_sample, options.samples, {{0, 0, scene.window_width, scene.window_height}}));
+	return std::move(session).finish();
 }
 
 } // namespace rt

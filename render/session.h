@@ -14,6 +14,7 @@
 #include <atomic>
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -77,6 +78,31 @@ std::uint64_t host_bytes_needed(const PackedScene& packed);
 
 // Does a device with so many lanes find the spheres of this scene through a tree?
 bool wants_bvh(const PackedScene& packed, std::uint32_t lanes, Acceleration bvh);
+
+// A scene made ready on its devices, to be rendered into one film by as many calls as wanted: programs, lists and trees
+// stay. Its errors are those of render_scene(), which is the case of one call.
+class Session {
+public:
+	// `packed` must outlive the session; the sample range of `options` is not looked at.
+	static Result<Session> open(const PackedScene& packed, const std::vector<DeviceHandle>& devices,
+	                            const SessionOptions& options);
+	Session(Session&& other) noexcept;
+	Session& operator=(Session&& other) noexcept;
+	~Session();
+
+	// Adds samples [first_sample, first_sample + samples) of the pixels in `windows`, which do not overlap and are
+	// given in the coordinates of the packed scene's window, to the film. False if it was stopped before the end.
+	Result<bool> take(std::uint32_t first_sample, std::uint32_t samples, const std::vector<Window>& windows);
+	// For progress: pixel samples that all calls will have taken, as far as that is known.
+	void expect_samples(std::uint64_t total);
+	const Film& film() const;
+	SessionResult finish() &&;
+
+private:
+	struct State;
+	explicit Session(std::unique_ptr<State> state);
+	std::unique_ptr<State> state_;
+};
 
 // Errors: Build, Memory (estimated before it is taken, with the figures), Failure from a driver.
 Result<SessionResult> render_scene(const PackedScene& packed, const std::vector<DeviceHandle>& devices,

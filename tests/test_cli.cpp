@@ -842,6 +842,82 @@ TEST_CASE("SIGUSR1 writes the image so far and goes on")
 	CHECK(child.err().find("holds the image so far") != std::string::npos);
 }
 
+TEST_CASE("rule 20: an image rendered to an error or to a time is reproduced")
+{
+	const Directory where;
+	const Arguments image = {"--backend", "reference", "--size", "48x36"};
+	const auto provenance = [&where](const std::string& file) {
+		const auto bytes = rt::read_file((where / file).string());
+		REQUIRE(bytes);
+		const auto film = rt::decode_rtfilm(bytes->data(), bytes->size(), file);
+		REQUIRE(film);
+		return film->provenance;
+	};
+	const auto check_reproduced = [&where](const std::string& file, const std::string& hash) {
+		const Outcome again = run(where, {"reproduce", file, "--backend", "reference", "--lanes", "1"});
+		INFO(again.out << again.err);
+		CHECK(again.status == 0);
+		CHECK(last_line(again.out).find(hash) != std::string::npos);
+	};
+
+	// To an error: the counts are the film's, and another lane count decides the same.
+	const Outcome to_error = run(
+	    where, image + Arguments{"--error", "0.15", "--samples", "200", "-o", "error.rtfilm", "--stats", "error.json"});
+	REQUIRE(to_error.status == 0);
+	CHECK(to_error.out.find("relative error below 0.15 in ") != std::string::npos);
+	const rt::Provenance adaptive = provenance("error.rtfilm");
+	CHECK(rt::provenance_value(adaptive, "Error") == "0.15");
+	CHECK(rt::provenance_value(adaptive, "SampleLimit") == "200");
+	CHECK(rt::provenance_value(adaptive, "Samples").find(" to ") != std::string::npos);
+	const Json stats = Json::parse(text_of(where / "error.json"))["adaptive"];
+	CHECK(stats["tiles"] == 9);
+	std::size_t tiles = 0;
+	for (const Json& row : stats["tiles_by_samples"])
+		tiles += row["tiles"].get<std::size_t>();
+	CHECK(tiles == 9);
+	check_reproduced("error.rtfilm", film_hash(to_error.out));
+	CHECK(render_hash(where, image + Arguments{"--error", "0.14", "--samples", "200", "-o", "b.png"}) !=
+	      film_hash(to_error.out));
+
+	// To a time, with an error and without: the summary tells the options that make the same film.
+	for (const Arguments& error : {Arguments{}, Arguments{"--error", "0.0001"}}) {
+		const Outcome timed = run(where, image + error + Arguments{"--time-limit", "0.3", "-o", "time.rtfilm"});
+		INFO(timed.out << timed.err);
+		REQUIRE(timed.status == 0);
+		CHECK(rt::provenance_value(provenance("time.rtfilm"), "TimeLimit") == "0.3");
+		const std::string told = "the same film again: ";
+		const std::size_t at = timed.out.find(told);
+		REQUIRE(at != std::string::npos);
+		std::istringstream words(timed.out.substr(at + told.size(), timed.out.find('\n', at) - at - told.size()));
+		Arguments same;
+		for (std::string word; words >> word;)
+			same.push_back(word);
+		CHECK(same.size() == error.size() + 2);
+		CHECK(render_hash(where, image + same + Arguments{"-o", "same.png"}) == film_hash(timed.out));
+		check_reproduced("time.rtfilm", film_hash(timed.out));
+	}
+
+	// A number of samples that comes first is no timeout.
+	const Outcome short_of_time =
+	    run(where, image + Arguments{"--samples", "3", "--time-limit", "1000", "-o", "c.png"});
+	CHECK(short_of_time.out.find("time limit") == std::string::npos);
+	CHECK(film_hash(short_of_time.out) == render_hash(where, image + Arguments{"--samples", "3", "-o", "d.png"}));
+
+	// A stop leaves an image that does not say that it was rendered to an error.
+	Child child(where, image + Arguments{"--error", "0.00001", "--samples", most_samples, "-o", "stopped.rtfilm",
+	                                     "--progress", "json"});
+	REQUIRE(child.wait_for([&child] { return child.err().find("\"progress\"") != std::string::npos; }));
+	child.signal(SIGINT);
+	CHECK(child.status() == 130);
+	CHECK(rt::provenance_value(provenance("stopped.rtfilm"), "Error").empty());
+
+	check_refused(where, image + Arguments{"--error", "0.1", "--crop", "0,10,0,10"}, 2, {"--error", "--crop"});
+	check_refused(where, image + Arguments{"--error", "0.1", "--checkpoint", "a.rtfilm"}, 2,
+	              {"--error", "--checkpoint"});
+	check_refused(where, image + Arguments{"--error", "0"}, 2, {"--error", "'0'", "from 1e-05 to 1"});
+	check_refused(where, image + Arguments{"--time-limit", "soon"}, 2, {"--time-limit", "'soon'"});
+}
+
 TEST_CASE("devices and info tell what there is")
 {
 	const Directory where;

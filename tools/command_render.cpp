@@ -136,6 +136,8 @@ private:
 		origin_.settings = options_.settings_over(scene.render);
 		origin_.display = options_.display;
 		origin_.precision = options_.precision;
+		origin_.error.reset();
+		origin_.time_limit.reset();
 		RT_TRY_ASSIGN(origin_.window, window_in(options_, origin_.settings));
 		RT_TRY_ASSIGN(packed_, pack_scene(scene, origin_.settings, origin_.window));
 		times_.end();
@@ -219,7 +221,10 @@ private:
 		               "compare its image with that of a verified device before you trust it");
 	}
 
-	bool is_resumable() const { return !options_.checkpoint.empty() || output_.format == ImageFormat::RtFilm; }
+	bool is_resumable() const
+	{
+		return !options_.error && (!options_.checkpoint.empty() || output_.format == ImageFormat::RtFilm);
+	}
 
 	Status render()
 	{
@@ -227,6 +232,8 @@ private:
 		PassOptions passes;
 		passes.samples = origin_.settings.samples;
 		passes.resumable = is_resumable();
+		passes.error = options_.error;
+		passes.seconds = options_.time_limit;
 		passes.checkpoint_seconds = options_.checkpoint_seconds;
 		passes.session.precision = options_.precision;
 		passes.session.specialise = options_.specialise;
@@ -262,6 +269,10 @@ private:
 		const PassResult& result = *rendered;
 		if (result.interrupted)
 			return finish_interrupted(result);
+		origin_.error = options_.error;
+		origin_.time_limit = options_.time_limit;
+		if (result.adaptive)
+			origin_.sample_limit = result.adaptive->limit;
 		if (keep_)
 			*keep_ = {result.film, provenance_of(origin_, result.film, result.devices)};
 		else
@@ -315,8 +326,15 @@ private:
 		else if (const Status written = write_output(film, {}); !written)
 			report_warning("the image so far could not be written: " + written.error().message, written.error().cure);
 		else if (!options_.quiet)
-			note(fmt::format("{} holds the image so far: {} of {} samples a pixel", output_.path, samples_text(film),
-			                 origin_.settings.samples));
+			note(fmt::format("{} holds the image so far: {}", output_.path, progress_text(film)));
+	}
+
+	// "5 of 16 samples a pixel", or without the wanted number where nobody named one.
+	std::string progress_text(const Film& film) const
+	{
+		const bool open = (options_.error || options_.time_limit) && !options_.samples;
+		return open ? fmt::format("{} samples a pixel", samples_text(film))
+		            : fmt::format("{} of {} samples a pixel", samples_text(film), origin_.settings.samples);
 	}
 
 	// Summary and statistics of a frame whose file is written and holds `kept`.
@@ -363,7 +381,27 @@ private:
 		                    fmt::join(names, " and "), format_quantity(static_cast<double>(result.samples) / seconds),
 		                    format_quantity(static_cast<double>(result.segments) / seconds),
 		                    origin_.self_test == "passed" ? "" : ", NOT VERIFIED");
-		return text + film;
+		return text + stop_text(result, kept) + film;
+	}
+
+	// Where a render ended that was not told a number of samples, and how the same film is made without a clock.
+	std::string stop_text(const PassResult& result, const Film& kept) const
+	{
+		std::string text, options;
+		if (result.adaptive && !result.interrupted) {
+			const AdaptiveReport& report = *result.adaptive;
+			text =
+			    fmt::format("relative error below {} in {} of {}, {:.1f} samples a pixel on average\n", *options_.error,
+			                report.tiles.size() - report.unfinished, plural(report.tiles.size(), "tile"),
+			                static_cast<double>(result.samples) / static_cast<double>(kept.pixels()));
+			options = fmt::format("--error {} --samples {}", *options_.error, report.limit);
+		} else {
+			options = fmt::format("--samples {}", kept.min_samples());
+		}
+		if (result.timed_out)
+			text += fmt::format("stopped by the time limit of {} s; the same film again: {}\n", *options_.time_limit,
+			                    options);
+		return text;
 	}
 
 	// What the image may be compared with.
@@ -410,14 +448,15 @@ private:
 		times_.end();
 		RT_TRY(finish(result, kept));
 		stopped.message =
-		    fmt::format("{} holds {} of {} samples a pixel", output_.path == "-" ? "standard output" : output_.path,
-		                samples_text(kept), origin_.settings.samples);
+		    fmt::format("{} holds {}", output_.path == "-" ? "standard output" : output_.path, progress_text(kept));
 		const std::string& from = options_.checkpoint.empty() ? output_.path : options_.checkpoint;
 		if (result.even)
 			stopped.cure =
 			    fmt::format("go on from {} samples a pixel with --resume {}", samples_text(*result.even), from);
 		else if (is_resumable())
 			stopped.cure = "there is nothing to go on from: not one sample of every pixel was complete";
+		else if (options_.error)
+			stopped.cure = "it cannot be gone on from; --time-limit ends a render at a film that can be made again";
 		else
 			stopped.cure = "to be able to go on, render with --checkpoint FILE.rtfilm";
 		return stopped;

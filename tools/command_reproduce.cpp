@@ -109,10 +109,7 @@ private:
 			                         contract_text(render_.precision)),
 			             fmt::format("reproduce it with the rt that made it: {}", software));
 		RT_TRY_ASSIGN(film_hash_, value(provenance, "FilmHash"));
-		if (provenance_value(provenance, "Samples").find(" to ") != std::string::npos)
-			return unfit("the render was stopped: its pixels have unequal numbers of samples, and which is not known",
-			             "go on with it (--resume) and reproduce the whole image");
-		RT_TRY_ASSIGN(render_.samples, number(provenance, "Samples", range::samples));
+		RT_TRY(read_samples(provenance));
 		RT_TRY_ASSIGN(render_.width, number(provenance, "Width", range::image_size));
 		RT_TRY_ASSIGN(render_.height, number(provenance, "Height", range::image_size));
 		RT_TRY_ASSIGN(render_.seed, number(provenance, "Seed", range::seed));
@@ -133,6 +130,27 @@ private:
 			             "it was scaled or cropped after it was rendered: take the original file");
 		render_.window = image.window;
 		render_.display = image.display;
+		return success();
+	}
+
+	// How many samples a pixel has, or what decided that.
+	Status read_samples(const Provenance& provenance)
+	{
+		const std::string error = provenance_value(provenance, "Error");
+		if (!error.empty()) {
+			double value = 0;
+			const auto [end, fault] = std::from_chars(error.data(), error.data() + error.size(), value);
+			if (fault != std::errc() || end != error.data() + error.size() || !(value > 0))
+				return unfit(fmt::format("the image says '{}' of its Error, which is not a positive number", error),
+				             "the file was altered, or another rt wrote it");
+			render_.error = value;
+			RT_TRY_ASSIGN(render_.samples, number(provenance, "SampleLimit", range::samples));
+			return success();
+		}
+		if (provenance_value(provenance, "Samples").find(" to ") != std::string::npos)
+			return unfit("the render was stopped: its pixels have unequal numbers of samples, and which is not known",
+			             "go on with it (--resume) and reproduce the whole image");
+		RT_TRY_ASSIGN(render_.samples, number(provenance, "Samples", range::samples));
 		return success();
 	}
 

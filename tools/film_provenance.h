@@ -12,6 +12,7 @@
 #include "support/result.h"
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -28,7 +29,10 @@ struct FilmOrigin {
 	Precision precision = Precision::Exact;
 	std::vector<DeviceHandle> devices;
 	std::string self_test; // "passed" or "failed: ..."
-	Provenance resumed;    // of the film that was gone on from; empty if there was none
+	// Of a render that came to its own end: where it was to stop, and the samples a pixel that it was held to.
+	std::optional<double> error, time_limit;
+	std::uint32_t sample_limit = 0;
+	Provenance resumed; // of the film that was gone on from; empty if there was none
 };
 
 // The value of the key Contract: the contract by which a rung's bits are one on all devices, or why there is none.

@@ -2,6 +2,7 @@
 
 #include "backends/kernel_text.h"
 #include "common/rt_contract.h"
+#include "render/adaptive.h"
 #include "render/closest_match.h"
 #include "render/image_file.h"
 #include "render/scene_ranges.h"
@@ -135,6 +136,15 @@ Result<double> parse_exposure(const std::string& text)
 	return value;
 }
 
+Result<double> parse_real(const char* option, const std::string& text, double least, double most, const char* example)
+{
+	double value = 0;
+	const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+	if (error != std::errc() || end != text.data() + text.size() || !(value >= least && value <= most))
+		return usage(fmt::format("{} takes a number from {} to {}, not '{}'", option, least, most, text), example);
+	return value;
+}
+
 template <class T>
 Result<T> parse_word(const char* option, const std::string& text,
                      std::initializer_list<std::pair<const char*, T>> words)
@@ -195,6 +205,7 @@ constexpr const char* examples_text =
     "  rt weekend --size 1200x675 --spp 100 -o weekend.png\n"
     "  rt my.json -o my.exr -d 1               on device 1 of `rt devices`\n"
     "  rt my.json --frames 0:23 -o film        film_000000000.png to film_000000023.png\n"
+    "  rt my.json --error 0.02 --time-limit 600    until the error is 2 %, or ten minutes have passed\n"
     "  rt my.json --spp 4096 --checkpoint my.rtfilm -o my.png\n"
     "  rt my.json --spp 4096 --resume my.rtfilm --checkpoint my.rtfilm -o my.png\n"
     "  rt --pixel 320,240 --spp 1000 -o - | file -\n"
@@ -264,6 +275,7 @@ Result<std::optional<TextRequest>> parse(CLI::App& app, std::vector<std::string>
 struct RawRender {
 	std::string width, height, size, samples, seed, max_depth, sampler, estimator, roulette, frames, pixel, crop,
 	    checkpoint_seconds;
+	std::string error, time_limit;
 	bool generic = false;
 	std::string transfer = "srgb", exposure = "0", precision = "exact", progress = "auto", lanes = "auto", bvh = "auto";
 };
@@ -298,6 +310,11 @@ void add_image_options(CLI::App& app, RenderOptions& options, RawRender& raw)
 	const auto add = [&app](const char* name, std::string& value, const char* type, const std::string& text) {
 		app.add_option(name, value, text)->type_name(type)->group("Image");
 	};
+	add("--error", raw.error, "E",
+	    fmt::format("stop each tile when its relative error is below E;\n--samples is then the most that one may get\n"
+	                "({})",
+	                adaptive_sample_limit));
+	add("--time-limit", raw.time_limit, "S", "stop after S seconds of rendering, or at --samples");
 	add("--frames", raw.frames, "A:B", "frames A to B, both included, or one frame (0)");
 	add("--pixel", raw.pixel, "X,Y", "only this pixel, with the bits it has in the whole");
 	add("--crop", raw.crop, "X0,X1,Y0,Y1", "only columns X0 to X1 - 1 and rows Y0 to Y1 - 1");
@@ -394,6 +411,14 @@ Status check_image(const RawRender& raw, RenderOptions& options)
 	if (!raw.roulette.empty()) {
 		RT_TRY_ASSIGN(options.roulette, parse_number("--roulette", raw.roulette, range_of(range::roulette)));
 	}
+	if (!raw.error.empty()) {
+		RT_TRY_ASSIGN(options.error,
+		              parse_real("--error", raw.error, 1e-5, 1, "0.1 is a preview, 0.02 a picture: --error 0.02"));
+	}
+	if (!raw.time_limit.empty()) {
+		RT_TRY_ASSIGN(options.time_limit,
+		              parse_real("--time-limit", raw.time_limit, 0.1, 1e7, "in seconds: --time-limit 60"));
+	}
 	if (!raw.frames.empty())
 		RT_TRY(parse_frames(raw.frames, options));
 	if (!raw.pixel.empty() && !raw.crop.empty())
@@ -448,6 +473,16 @@ Status check_together(const RenderOptions& options)
 			return usage("several frames cannot go to standard output", "name a file: --output film.png");
 		if (!options.checkpoint.empty() || !options.resume.empty())
 			return usage("--checkpoint and --resume are for one frame", "render the frames one by one: --frames 7");
+	}
+	if (options.error) {
+		if (options.window)
+			return usage("--error is for whole images, not for --crop or --pixel",
+			             "when a tile stops depends on its neighbours: give --samples, or leave the part out");
+		if (!options.checkpoint.empty() || !options.resume.empty())
+			return usage(
+			    "--error cannot be combined with --checkpoint or --resume",
+			    "a film does not hold what the decisions are made from: leave --error or the file out. An image "
+			    "rendered to an error is rendered again by rt reproduce");
 	}
 	if (options.output == "-" && options.stats == "-")
 		return usage("the image and the statistics cannot both go to standard output", "name a file for one of them");
@@ -824,7 +859,9 @@ RenderSettings RenderOptions::settings_over(const RenderSettings& scene_settings
 	RenderSettings settings = scene_settings;
 	settings.width = width.value_or(settings.width);
 	settings.height = height.value_or(settings.height);
-	settings.samples = samples.value_or(settings.samples);
+	settings.samples = samples.value_or(time_limit ? std::uint32_t(RT_MAX_SAMPLES)
+	                                    : error    ? adaptive_sample_limit
+	                                               : settings.samples);
 	settings.seed = seed.value_or(settings.seed);
 	settings.max_depth = max_depth.value_or(settings.max_depth);
 	settings.sampler = sampler.value_or(settings.sampler);

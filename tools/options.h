@@ -31,6 +31,7 @@ struct RenderOptions {
 	std::optional<Estimator> estimator;
 	std::uint32_t first_frame = 0, last_frame = 0; // inclusive
 	std::optional<Window> window;                  // of --crop or --pixel; the whole image otherwise
+	std::optional<double> error, time_limit;       // where to stop before `samples`; seconds
 
 	std::string output; // empty: SCENE.png
 	DisplaySettings display;
@@ -50,7 +51,8 @@ struct RenderOptions {
 	std::string stats;
 
 	std::uint32_t frame_count() const { return last_frame - first_frame + 1; }
-	// The scene's settings with those of the command line on top.
+	// The scene's settings with those of the command line on top. With an error or a time to stop at, the scene's
+	// number of samples does not hold.
 	RenderSettings settings_over(const RenderSettings& scene_settings) const;
 };
 

@@ -54,23 +54,65 @@ public:
 		}
 		before_ = done_;
 		last_checkpoint_ = Clock::now();
-		while (done_ < options_.samples && !result_.interrupted)
-			RT_TRY(run_pass(next_count()));
+		while (done_ < options_.samples && !result_.interrupted) {
+			const std::uint32_t count = next_count();
+			if (count == 0) {
+				result_.timed_out = true;
+				options_.samples = done_;
+				RT_TRY(checkpoint());
+				break;
+			}
+			RT_TRY(run_pass(count));
+		}
+		return std::move(result_);
+	}
+
+	// All in one, where tiles stop at an error.
+	Result<PassResult> run_adaptive(double error)
+	{
+		AdaptiveOptions adaptive;
+		adaptive.session = options_.session;
+		adaptive.session.progress = [this](const Progress& progress) {
+			if (options_.progress)
+				options_.progress(progress, 0);
+		};
+		adaptive.session.snapshot = options_.snapshot;
+		adaptive.error = error;
+		adaptive.limit = options_.samples;
+		adaptive.seconds = options_.seconds;
+		RT_TRY_ASSIGN(AdaptiveResult rendered, render_adaptive(packed_, devices_, adaptive));
+		SessionResult& session = rendered.session;
+		result_.bvh_seconds = session.bvh_seconds;
+		result_.seconds = session.render_seconds;
+		result_.samples = total_samples(session.film);
+		result_.segments = session.film.segments;
+		result_.interrupted = session.interrupted;
+		result_.timed_out = rendered.report.timed_out;
+		result_.devices = std::move(session.devices);
+		result_.film = std::move(session.film);
+		result_.adaptive = std::move(rendered.report);
 		return std::move(result_);
 	}
 
 private:
-	// The first pass of a resumable render is one sample: it tells how many fit into the time of a pass.
+	// The first pass of a render that is cut is one sample: it tells how many fit into the time of a pass. 0 if the
+	// time is over.
 	std::uint32_t next_count() const
 	{
 		const std::uint32_t left = options_.samples - done_;
-		if (!options_.resumable)
+		if (!options_.resumable && !options_.seconds)
 			return left;
 		if (done_ == before_)
 			return 1;
-		const double each = std::max(result_.seconds, 1e-6) / (done_ - before_);
-		const double limit = std::min(pass_seconds, double(options_.checkpoint_seconds));
-		return static_cast<std::uint32_t>(std::clamp(limit / each, 1.0, double(left)));
+		const std::uint32_t taken = done_ - before_;
+		const double each = std::max(result_.seconds, 1e-6) / taken;
+		double count = left;
+		if (options_.resumable)
+			count = std::clamp(std::min(pass_seconds, double(options_.checkpoint_seconds)) / each, 1.0, count);
+		// Few samples are a poor measure of how long many take.
+		if (options_.seconds)
+			count = std::min({count, (*options_.seconds - result_.seconds) / each, 4.0 * taken});
+		return static_cast<std::uint32_t>(std::max(count, 0.0));
 	}
 
 	Status run_pass(std::uint32_t count)
@@ -124,6 +166,12 @@ private:
 		whole.samples_done = done_ * pixels_ + pass.samples_done;
 		whole.samples_total = options_.samples * pixels_;
 		whole.seconds = result_.seconds + pass.seconds;
+		if (options_.seconds) { // as many as it will be at this rate
+			const std::uint64_t here = whole.samples_done - before_ * pixels_;
+			const double expected = double(here) * std::max(1.0, *options_.seconds / std::max(whole.seconds, 1e-6));
+			whole.samples_total =
+			    std::min(whole.samples_total, before_ * pixels_ + static_cast<std::uint64_t>(expected));
+		}
 		options_.progress(whole, before_ * pixels_);
 	}
 
@@ -153,7 +201,9 @@ private:
 Result<PassResult> render_in_passes(const PackedScene& packed, const std::vector<DeviceHandle>& devices,
                                     PassOptions options)
 {
-	return Passes(packed, devices, std::move(options)).run();
+	const std::optional<double> error = options.error;
+	Passes passes(packed, devices, std::move(options));
+	return error ? passes.run_adaptive(*error) : passes.run();
 }
 
 } // namespace rt

@@ -7,6 +7,8 @@
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
+#include <cstdint>
+#include <map>
 
 namespace rt {
 
@@ -95,6 +97,31 @@ Json run_json(const FilmOrigin& origin, const PhaseTimes& times)
 	        {"seconds", seconds}};
 }
 
+namespace {
+
+// How many tiles ended with how many samples a pixel.
+Json adaptive_json(const AdaptiveReport& report, const FilmOrigin& origin, const PassResult& result)
+{
+	std::map<std::uint32_t, std::uint64_t> counts;
+	for (const TileResult& tile : report.tiles)
+		counts[tile.samples]++;
+	Json tiles_by_samples = Json::array();
+	for (const auto& [samples, tiles] : counts)
+		tiles_by_samples.push_back({{"samples", samples}, {"tiles", tiles}});
+	Json json = {{"error", nullptr},
+	             {"sample_limit", report.limit},
+	             {"tile_size", adaptive_tile},
+	             {"tiles", report.tiles.size()},
+	             {"tiles_unfinished", report.unfinished},
+	             {"samples_mean", static_cast<double>(result.samples) / static_cast<double>(result.film.pixels())},
+	             {"tiles_by_samples", tiles_by_samples}};
+	if (origin.error)
+		json["error"] = *origin.error;
+	return json;
+}
+
+} // namespace
+
 Json frame_json(const FilmOrigin& origin, const PackedScene& packed, const PassResult& result, const Film& kept,
                 const std::string& file)
 {
@@ -120,6 +147,9 @@ Json frame_json(const FilmOrigin& origin, const PackedScene& packed, const PassR
 		                  {"options", device.build.options},
 		                  {"log", device.build.log}}}});
 	const Window& window = origin.window;
+	Json stop = nullptr;
+	if (result.adaptive)
+		stop = adaptive_json(*result.adaptive, origin, result);
 	return {{"file", file},
 	        {"scene", origin.scene},
 	        {"scene_hash", origin.scene_hash.hex()},
@@ -139,6 +169,8 @@ Json frame_json(const FilmOrigin& origin, const PackedScene& packed, const PassR
 	        {"device_bytes", device_bytes_needed(packed)},
 	        {"host_bytes", host_bytes_needed(packed)},
 	        {"interrupted", result.interrupted},
+	        {"timed_out", result.timed_out},
+	        {"adaptive", stop},
 	        {"samples_min", kept.min_samples()},
 	        {"samples_max", kept.max_samples()},
 	        {"samples_rendered", result.samples},

@@ -4,16 +4,15 @@
 //
 // Without NVRTC it says so, and that is no failure: nothing of rt's bits or of its tests hangs on these figures.
 #include "backends/cuda/nvrtc.h"
-#include "backends/kernel_text.h"
 #include "render/pack.h"
 #include "render/scene_file.h"
 #include "render/session.h"
+#include "tools/ptxas_use.h"
 
 #include <fmt/format.h>
 
 #include <cstdio>
 #include <cstdlib>
-#include <regex>
 #include <string>
 #include <vector>
 
@@ -27,24 +26,13 @@ rt::Result<std::string> usage_of(const rt::Nvrtc& nvrtc, const std::string& scen
 	const rt::RenderSettings& settings = file.base.render;
 	RT_TRY_ASSIGN(const rt::PackedScene packed,
 	              rt::pack_scene(file.base, settings, {0, 0, settings.width, settings.height}));
-	rt::DeviceInfo gpu;
-	gpu.backend = "cuda";
-	gpu.kind = rt::DeviceKind::Gpu;
-	gpu.hardware_seeds = true;
-	RT_TRY_ASSIGN(const std::string text, rt::flatten_program(rt::render_program(packed, gpu, {})));
-	std::vector<std::string> options = rt::nvrtc_options();
-	options.emplace_back("--ptxas-options=-v");
-	RT_TRY_ASSIGN(const rt::NvrtcOutput output, nvrtc.compile(text, "kernels/render.cl", {capability, true}, options));
-	// "ptxas info : Compiling entry function 'rt_render' for 'sm_90'", lines on its stack and spills, "Used 64
-	// registers"
-	const std::size_t entry = output.log.find("'rt_render'");
-	std::smatch found;
-	const std::string tail = entry == std::string::npos ? std::string() : output.log.substr(entry);
+	const rt::ProgramSpec spec = rt::render_program(packed, rt::imagined_gpu(), {});
+	RT_TRY_ASSIGN(const rt::PtxasUse use, rt::ptxas_use(nvrtc, spec, capability));
 	std::string result = "the assembler's log has no registers";
-	if (std::regex_search(tail, found, std::regex("Used (\\d+) registers")))
-		result = fmt::format("{} registers", found[1].str());
-	if (std::regex_search(tail, found, std::regex("(\\d+) bytes stack frame, (\\d+) bytes spill stores")))
-		result += fmt::format(", {} bytes of stack, {} bytes spilled", found[1].str(), found[2].str());
+	if (use.registers)
+		result = fmt::format("{} registers", *use.registers);
+	if (use.stack_bytes)
+		result += fmt::format(", {} bytes of stack, {} bytes spilled", *use.stack_bytes, use.spilled_bytes.value_or(0));
 	return result;
 }
 

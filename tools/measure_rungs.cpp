@@ -1,18 +1,30 @@
 // measure_rungs.cpp: what the rungs cost and how far they lie apart, on one device and scene.
 //
-// usage: rt_measure_rungs SCENE [--device X] [--size WxH] [--spp N] [--rounds N] [--against exact|double]
+// usage: rt_measure_rungs SCENE... [--device X] [--backend X] [--size WxH] [--spp N] [--rounds N]
+//                         [--against exact|double] [--json FILE]
+//
+// A SCENE is a file, a shipped scene or one of the small scenes of this program, which show one feature each: matte,
+// metal, glass, texture, light, far-camera, huge-ground, many-spheres; `features` stands for all of these.
 //
 // Renders the scene in each rung, and in the fast rung with each of its approximations alone, in turns so that a
 // change of the machine's speed meets them all. The rungs take the same random numbers, so differences are taken pixel
 // by pixel: the signed mean with its z-score tells a bias, the root mean square the size of the scatter. Most of the
-// scatter is paths that a last bit sends another way.
+// scatter is paths that a last bit sends another way. Error and FLIP are against a converged image in double of other
+// random numbers, as `rt tradeoff` has them: they say whether the difference between the rungs is seen beside the
+// noise.
 #include "backends/registry.h"
 #include "backends/self_test.h"
 #include "render/scene_file.h"
 #include "render/session.h"
+#include "render/tradeoff.h"
+#include "support/files.h"
+#include "tools/render_stats.h"
 #include "tools/report.h"
+#include "version.h"
 
+#include <fmt/chrono.h>
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <array>
@@ -20,13 +32,17 @@
 #include <cstdlib>
 #include <cstring>
 #include <ctime>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace rt {
 namespace {
 
-struct Configuration {
+using Json = nlohmann::ordered_json;
+
+struct Rung {
 	std::string name;
 	Precision precision;
 	std::uint32_t fast_parts;
@@ -35,11 +51,98 @@ struct Configuration {
 };
 
 struct Wanted {
-	std::string scene = "three-spheres";
+	std::vector<std::string> scenes;
 	DeviceRequest device;
 	std::uint32_t width = 320, height = 180, samples = 16, rounds = 5;
-	std::string against = "exact";
+	std::string against = "exact", json;
 };
+
+// ---- a scene for each feature ---------------------------------------------------------------------------------------
+
+Material matte(const Vec3d& albedo)
+{
+	Material material;
+	material.albedo = albedo;
+	return material;
+}
+
+Material of_kind(Material::Kind kind, const Vec3d& albedo)
+{
+	Material material = matte(albedo);
+	material.kind = kind;
+	return material;
+}
+
+// One sphere of a material on a grey ground under an even sky; the camera looks at it from the side.
+Scene still_life(const Material& material)
+{
+	Scene scene;
+	scene.camera.from = {0, 1.2, -4};
+	scene.camera.at = {0, 0.6, 0};
+	scene.camera.focus = 4;
+	scene.sky.kind = Sky::Kind::Constant;
+	scene.sky.bottom = scene.sky.top = {0.7, 0.8, 1};
+	scene.materials = {matte({0.5, 0.5, 0.5}), material};
+	scene.spheres = {{{0, -100, 0}, 100, 0}, {{0, 1, 0}, 1, 1}};
+	return scene;
+}
+
+// The scene of one feature, or nothing if there is no such feature.
+std::optional<Scene> feature_scene(const std::string& name)
+{
+	Scene scene = still_life(matte({0.8, 0.4, 0.2}));
+	if (name == "matte") {
+	} else if (name == "metal") {
+		scene = still_life(of_kind(Material::Kind::Metal, {0.9, 0.8, 0.6}));
+		scene.materials[1].fuzz = 0.2;
+	} else if (name == "glass") {
+		scene = still_life(of_kind(Material::Kind::Dielectric, {1, 1, 1}));
+	} else if (name == "texture") {
+		Texture checker;
+		checker.size = 0.0625;
+		checker.even = {0.9, 0.1, 0.1};
+		checker.odd = {0.1, 0.1, 0.9};
+		scene.textures = {checker};
+		scene.materials[1].texture = 0;
+	} else if (name == "light") {
+		scene.sky = Sky();
+		Material lamp = of_kind(Material::Kind::Light, {0, 0, 0});
+		lamp.emission = {20, 18, 15};
+		scene.materials.push_back(lamp);
+		scene.spheres.push_back({{-2, 3, -1}, 0.5, 2});
+	} else if (name == "far-camera") {
+		scene.camera.from = {0, 300, -1000};
+		scene.camera.vfov = 0.15;
+		scene.camera.focus = 1000;
+	} else if (name == "huge-ground") {
+		scene.spheres[0] = {{0, -6.4e6, 0}, 6.4e6, 0};
+	} else if (name == "many-spheres") {
+		for (int i = 0; i < 600; ++i) {
+			const double angle = 2.399963229728653 * i, distance = 0.25 * std::sqrt(double(i) + 20);
+			scene.spheres.push_back({{distance * std::cos(angle), 0.1, distance * std::sin(angle)},
+			                         0.1,
+			                         static_cast<std::uint32_t>(i % 2)});
+		}
+	} else
+		return std::nullopt;
+	scene.name = name;
+	update_scene_hash(scene);
+	return scene;
+}
+
+constexpr std::array<const char*, 8> feature_scenes = {"matte", "metal",      "glass",       "texture",
+                                                       "light", "far-camera", "huge-ground", "many-spheres"};
+
+Result<Scene> scene_named(const std::string& name)
+{
+	if (std::optional<Scene> scene = feature_scene(name))
+		return std::move(*scene);
+	RT_TRY_ASSIGN(const SceneFile file, open_scene(name));
+	return file.at_frame(0);
+}
+
+// ---- the command line
+// ------------------------------------------------------------------------------------------------
 
 Result<Wanted> read_arguments(int argc, char** argv)
 {
@@ -47,7 +150,10 @@ Result<Wanted> read_arguments(int argc, char** argv)
 	for (int i = 1; i < argc; ++i) {
 		const std::string name = argv[i];
 		if (name.rfind("--", 0) != 0) {
-			wanted.scene = name;
+			if (name == "features")
+				wanted.scenes.insert(wanted.scenes.end(), feature_scenes.begin(), feature_scenes.end());
+			else
+				wanted.scenes.push_back(name);
 			continue;
 		}
 		const char* value = i + 1 < argc ? argv[++i] : "";
@@ -62,6 +168,8 @@ Result<Wanted> read_arguments(int argc, char** argv)
 			good = std::sscanf(value, "%u", &wanted.samples) == 1;
 		else if (name == "--rounds")
 			good = std::sscanf(value, "%u", &wanted.rounds) == 1;
+		else if (name == "--json")
+			wanted.json = value;
 		else if (name == "--against") {
 			wanted.against = value;
 			good = wanted.against == "exact" || wanted.against == "double";
@@ -71,13 +179,15 @@ Result<Wanted> read_arguments(int argc, char** argv)
 			return Error{ErrorKind::Usage, fmt::format("{} '{}' is not understood", name, value), "command line",
 			             "the head of tools/measure_rungs.cpp lists the options", ""};
 	}
+	if (wanted.scenes.empty())
+		wanted.scenes = {"three-spheres"};
 	return wanted;
 }
 
-std::vector<Configuration> configurations(const DeviceInfo& info)
+std::vector<Rung> rungs_of(const DeviceInfo& info)
 {
-	std::vector<Configuration> all = {{"exact", Precision::Exact, RT_FAST_ALL, {}, {}},
-	                                  {"fast", Precision::Fast, RT_FAST_ALL, {}, {}}};
+	std::vector<Rung> all = {{"exact", Precision::Exact, RT_FAST_ALL, {}, {}},
+	                         {"fast", Precision::Fast, RT_FAST_ALL, {}, {}}};
 	if (info.kind != DeviceKind::Host) // it has the fast rung as a whole
 		for (const auto& [name, part] :
 		     {std::pair("  roots alone", RT_FAST_ROOTS), std::pair("  reciprocals alone", RT_FAST_RECIPROCALS),
@@ -106,96 +216,199 @@ std::uint32_t float_steps(float a, float b)
 	return x > y ? x - y : y - x;
 }
 
+// Where a histogram of float steps is cut: 0, 1, 2 to 3, 4 to 15, 16 to 255, more.
+constexpr std::array<const char*, 6> bin_names = {"0", "1", "2-3", "4-15", "16-255", "more"};
+
+struct Difference {
+	std::array<double, 3> bias{}, z{}; // of the mean radiance
+	double rmse = 0;
+	std::array<double, bin_names.size()> percent{}; // of the values, by float steps
+};
+
 // Differences of two films of the same paths.
-std::vector<std::string> difference_cells(const Film& film, const Film& base)
+Difference difference_of(const Film& film, const Film& base)
 {
 	const double count = static_cast<double>(film.pixels());
 	std::array<double, 3> mean{}, deviation{}, brightness{};
-	std::array<double, 6> histogram{}; // 0, 1, 2-3, 4-15, 16-255, more float steps
 	double square = 0;
+	Difference difference;
 	for (int pass = 0; pass < 2; ++pass)
 		for (std::uint32_t y = 0; y < film.window().height; ++y)
 			for (std::uint32_t x = 0; x < film.window().width; ++x)
 				for (int channel = 0; channel < 3; ++channel) {
 					const auto c = static_cast<std::size_t>(channel);
-					const double difference = film.radiance(x, y, channel) - base.radiance(x, y, channel);
+					const double apart = film.radiance(x, y, channel) - base.radiance(x, y, channel);
 					if (pass == 1) {
-						deviation[c] += (difference - mean[c]) * (difference - mean[c]) / count;
+						deviation[c] += (apart - mean[c]) * (apart - mean[c]) / count;
 						continue;
 					}
-					mean[c] += difference / count;
+					mean[c] += apart / count;
 					brightness[c] += base.radiance(x, y, channel) / count;
-					square += difference * difference / (3 * count);
+					square += apart * apart / (3 * count);
 					const std::uint32_t steps =
 					    float_steps(film.radiance_float(x, y, channel), base.radiance_float(x, y, channel));
 					const std::size_t bin = steps < 2 ? steps : steps < 4 ? 2 : steps < 16 ? 3 : steps < 256 ? 4 : 5;
-					histogram[bin] += 100 / (3 * count);
+					difference.percent[bin] += 100 / (3 * count);
 				}
-	std::vector<std::string> cells;
 	for (std::size_t c = 0; c < 3; ++c) {
 		const double error = std::sqrt(deviation[c] / count);
-		cells.push_back(fmt::format("{:+.1e} ({:+.1f})", brightness[c] > 0 ? mean[c] / brightness[c] : 0.0,
-		                            error > 0 ? mean[c] / error : 0.0));
+		difference.bias[c] = brightness[c] > 0 ? mean[c] / brightness[c] : 0.0;
+		difference.z[c] = error > 0 ? mean[c] / error : 0.0;
 	}
-	cells.push_back(fmt::format("{:.1e}", std::sqrt(square)));
-	for (const double share : histogram)
-		cells.push_back(fmt::format("{:.1f}", share));
-	return cells;
+	difference.rmse = std::sqrt(square);
+	return difference;
 }
+
+class Measuring {
+public:
+	Measuring(const Wanted& wanted, DeviceHandle device, bool software_roots)
+	    : wanted_(wanted), device_(std::move(device)), software_roots_(software_roots)
+	{
+	}
+
+	Result<Json> run(const std::string& name)
+	{
+		RT_TRY_ASSIGN(const Scene scene, scene_named(name));
+		settings_ = scene.render;
+		settings_.width = wanted_.width;
+		settings_.height = wanted_.height;
+		settings_.samples = wanted_.samples;
+		std::vector<Rung> all = rungs_of(device_->info());
+		RT_TRY(measure(name, scene, all));
+		ConvergedFilm converged;
+		if (device_->info().reports_fp64) {
+			std::array<Film, 2> halves;
+			for (std::uint32_t half = 0; half < 2; ++half) {
+				RT_TRY_ASSIGN(SessionResult result, render(scene, all.back(), 0x7ea5ed00u + half, 8 * wanted_.samples));
+				halves[half] = std::move(result.film);
+			}
+			RT_TRY_ASSIGN(converged, converged_film(halves[0], halves[1]));
+		}
+		return report(name, all, converged);
+	}
+
+private:
+	// A processor's time is counted on all cores, and not while others have them.
+	bool on_processor() const
+	{
+		return device_->info().kind == DeviceKind::Host || device_->info().kind == DeviceKind::Cpu;
+	}
+
+	Result<SessionResult> render(const Scene& scene, const Rung& rung, std::uint32_t seed, std::uint32_t samples)
+	{
+		RenderSettings settings = settings_;
+		settings.seed = seed;
+		settings.samples = samples;
+		RT_TRY_ASSIGN(const PackedScene packed, pack_scene(scene, settings, {0, 0, settings.width, settings.height}));
+		SessionOptions options;
+		options.samples = samples;
+		options.precision = rung.precision;
+		options.fast_parts = rung.fast_parts;
+		options.software_roots = software_roots_;
+		return render_scene(packed, {device_}, options);
+	}
+
+	// The first round compiles and warms up.
+	Status measure(const std::string& name, const Scene& scene, std::vector<Rung>& all)
+	{
+		for (std::uint32_t round = 0; round <= wanted_.rounds; ++round)
+			for (Rung& rung : all) {
+				if (has_terminal(stderr))
+					print_message(
+					    fmt::format("\r\033[K{}, round {} of {}: {}", name, round, wanted_.rounds, rung.name));
+				const double start = cpu_seconds();
+				RT_TRY_ASSIGN(SessionResult result, render(scene, rung, settings_.seed, settings_.samples));
+				if (round > 0)
+					rung.seconds.push_back(on_processor() ? cpu_seconds() - start : result.render_seconds);
+				rung.film = std::move(result.film);
+			}
+		if (has_terminal(stderr))
+			print_message("\r\033[K");
+		return success();
+	}
+
+	Result<Json> report(const std::string& name, const std::vector<Rung>& all, const ConvergedFilm& converged)
+	{
+		const Rung& exact = all.front();
+		const Rung& base = wanted_.against == "double" ? all.back() : exact;
+		std::vector<std::vector<std::string>> rows = {{"rung", on_processor() ? ">CPU seconds" : ">seconds",
+		                                               ">of exact", ">R bias (z)", ">G bias (z)", ">B bias (z)",
+		                                               ">RMSE"}};
+		for (const char* bin : bin_names)
+			rows[0].push_back(fmt::format(">{}{}", bin, bin == bin_names[0] ? " ulp %" : ""));
+		rows[0].insert(rows[0].end(), {">error %", ">FLIP"});
+		Json rungs = Json::array();
+		for (const Rung& rung : all) {
+			std::vector<double> ratios;
+			for (std::size_t i = 0; i < rung.seconds.size(); ++i)
+				ratios.push_back(rung.seconds[i] / exact.seconds[i]);
+			const Difference difference = difference_of(rung.film, base.film);
+			std::vector<std::string> row = {rung.name, fmt::format("{:.3f}", median(rung.seconds)),
+			                                fmt::format("{:.3f}", median(ratios))};
+			for (std::size_t c = 0; c < 3; ++c)
+				row.push_back(fmt::format("{:+.1e} ({:+.1f})", difference.bias[c], difference.z[c]));
+			row.push_back(fmt::format("{:.1e}", difference.rmse));
+			for (const double share : difference.percent)
+				row.push_back(fmt::format("{:.1f}", share));
+			Json json = {{"rung", rung.name.substr(rung.name.find_first_not_of(' '))},
+			             {"is_part", rung.fast_parts != RT_FAST_ALL},
+			             {"seconds", median(rung.seconds)},
+			             {"of_exact", median(ratios)},
+			             {"bias", difference.bias},
+			             {"z", difference.z},
+			             {"rmse", difference.rmse},
+			             {"ulp_percent", difference.percent}};
+			if (converged.samples > 0) {
+				RT_TRY_ASSIGN(const ImageError error, error_against(rung.film, converged));
+				row.push_back(fmt::format("{:.4f}", 100 * error.noise.rel_rmse()));
+				row.push_back(fmt::format("{:.5f}", error.flip));
+				json.update({{"rel_rmse", error.noise.rel_rmse()},
+				             {"rel_mse", error.noise.rel_mse},
+				             {"rmse_to_double", error.noise.rmse()},
+				             {"flip", error.flip}});
+			}
+			rows.push_back(std::move(row));
+			rungs.push_back(std::move(json));
+		}
+		print_result(fmt::format("{}, {}x{}, {} samples a pixel, {} ({}), {} rounds, differences from {}\n", name,
+		                         settings_.width, settings_.height, settings_.samples, device_->info().name,
+		                         device_->info().backend, wanted_.rounds, base.name));
+		print_result(format_table(rows, "") + '\n');
+		RT_TRY(flush_results());
+		return Json{
+		    {"scene", name}, {"against", base.name}, {"reference_samples", converged.samples}, {"rungs", rungs}};
+	}
+
+	const Wanted& wanted_;
+	DeviceHandle device_;
+	bool software_roots_;
+	RenderSettings settings_;
+};
 
 Status run(const Wanted& wanted)
 {
-	RT_TRY_ASSIGN(const SceneFile file, open_scene(wanted.scene));
-	RT_TRY_ASSIGN(const Scene scene, file.at_frame(0));
-	RenderSettings settings = scene.render;
-	settings.width = wanted.width;
-	settings.height = wanted.height;
-	settings.samples = wanted.samples;
-	RT_TRY_ASSIGN(const PackedScene packed, pack_scene(scene, settings, {0, 0, settings.width, settings.height}));
 	RT_TRY_ASSIGN(const std::vector<DeviceInfo> chosen, select_devices(wanted.device, enumerate_all()));
 	RT_TRY_ASSIGN(const DeviceHandle device, open_device(chosen.front()));
 	RT_TRY_ASSIGN(const SelfTestReport tested, self_test(device));
-	std::vector<Configuration> all = configurations(device->info());
-
-	// A processor's time is counted on all cores, and not while others have them.
-	const bool on_processor = device->info().kind == DeviceKind::Host || device->info().kind == DeviceKind::Cpu;
-	// The first round compiles and warms up.
-	for (std::uint32_t round = 0; round <= wanted.rounds; ++round)
-		for (Configuration& configuration : all) {
-			SessionOptions options;
-			options.samples = settings.samples;
-			const double start = cpu_seconds();
-			options.precision = configuration.precision;
-			options.fast_parts = configuration.fast_parts;
-			options.software_roots = tested.needs_software_roots;
-			RT_TRY_ASSIGN(SessionResult result, render_scene(packed, {device}, options));
-			if (round > 0)
-				configuration.seconds.push_back(on_processor ? cpu_seconds() - start : result.render_seconds);
-			configuration.film = std::move(result.film);
-			print_message(fmt::format("\r\033[Kround {} of {}: {}", round, wanted.rounds, configuration.name));
-		}
-	print_message("\r\033[K");
-
-	const Configuration& exact = all.front();
-	const Configuration& base = wanted.against == "double" ? all.back() : exact;
-	std::vector<std::vector<std::string>> rows = {{"rung", on_processor ? ">CPU seconds" : ">seconds", ">of exact",
-	                                               ">R bias (z)", ">G bias (z)", ">B bias (z)", ">RMSE", ">0 ulp %",
-	                                               ">1", ">2-3", ">4-15", ">16-255", ">more"}};
-	for (const Configuration& configuration : all) {
-		std::vector<double> ratios;
-		for (std::size_t i = 0; i < configuration.seconds.size(); ++i)
-			ratios.push_back(configuration.seconds[i] / exact.seconds[i]);
-		std::vector<std::string> row = {configuration.name, fmt::format("{:.3f}", median(configuration.seconds)),
-		                                fmt::format("{:.3f}", median(ratios))};
-		const std::vector<std::string> cells = difference_cells(configuration.film, base.film);
-		row.insert(row.end(), cells.begin(), cells.end());
-		rows.push_back(std::move(row));
+	Measuring measuring(wanted, device, tested.needs_software_roots);
+	Json scenes = Json::array();
+	for (const std::string& scene : wanted.scenes) {
+		RT_TRY_ASSIGN(Json json, measuring.run(scene));
+		scenes.push_back(std::move(json));
 	}
-	print_result(fmt::format("{}, {}x{}, {} samples a pixel, {} ({}), {} rounds, differences from {}\n", wanted.scene,
-	                         settings.width, settings.height, settings.samples, device->info().name,
-	                         device->info().backend, wanted.rounds, base.name));
-	print_result(format_table(rows, ""));
-	return flush_results();
+	if (wanted.json.empty())
+		return success();
+	const Json all = {{"version", RT_VERSION},
+	                  {"revision", RT_REVISION},
+	                  {"date", fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(std::time(nullptr)))},
+	                  {"device", device_json(device->info())},
+	                  {"width", wanted.width},
+	                  {"height", wanted.height},
+	                  {"samples", wanted.samples},
+	                  {"rounds", wanted.rounds},
+	                  {"ulp_bins", bin_names},
+	                  {"rung_scenes", scenes}};
+	return write_file(wanted.json, to_text(all));
 }
 
 } // namespace

@@ -89,6 +89,28 @@ std::optional<std::array<std::uint32_t, N>> numbers_in(std::string_view text, ch
 	return values;
 }
 
+Result<std::optional<double>> parse_positive(const char* option, const std::string& text)
+{
+	if (text.empty())
+		return std::optional<double>();
+	double value = 0;
+	const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+	if (error != std::errc() || end != text.data() + text.size() || !(value >= 0) || !std::isfinite(value))
+		return usage(fmt::format("{} takes a number that is not negative, not '{}'", option, text),
+		             fmt::format("for example {} 0.004", option));
+	return std::optional(value);
+}
+
+// The same without 0.
+Result<std::optional<double>> parse_amount(const char* option, const std::string& text, const char* example)
+{
+	RT_TRY_ASSIGN(const std::optional<double> value, parse_positive(option, text));
+	if (value && !(*value > 0))
+		return usage(fmt::format("{} takes a number above 0, not '{}'", option, text),
+		             fmt::format("for example {} {}", option, example));
+	return value;
+}
+
 Result<Window> parse_crop(const std::string& text)
 {
 	const auto sides = numbers_in<4>(text, ',', {0, image_side.max});
@@ -193,6 +215,7 @@ constexpr const char* commands_text = "Commands (each has its own --help):\n"
                                       "  render     render a scene to an image; the default, its name may be left out\n"
                                       "  devices    list what rt can run on, what is missing, and how to get it\n"
                                       "  info       what a scene contains and needs\n"
+                                      "  tradeoff   speed against accuracy: measured, and a command line at the end\n"
                                       "  bench      how fast a device renders a scene, part by part\n"
                                       "  verify     are the devices and drivers here right? For bug reports\n"
                                       "  trace      one path with all its numbers; where two devices first differ\n"
@@ -505,11 +528,19 @@ Result<CommandLine> parse_render(std::vector<std::string> arguments, bool named)
 {
 	RenderOptions options;
 	RawRender raw;
+	std::string target_error;
 	CLI::App app("Path tracer for spheres: same scene, same seed, same image, bit for bit, on every device.");
 	set_manners(app, named ? "rt render" : "rt");
 	add_image_options(app, options, raw);
 	add_output_options(app, options, raw);
 	add_device_options(app, options, raw);
+	app.add_flag("--auto-precision", options.auto_precision,
+	             "what is quickest for --target-error: precision,\nsampler, estimator and samples, as `rt tradeoff`\n"
+	             "measures them, now or before")
+	    ->group("Device");
+	app.add_option("--target-error", target_error, "relative RMSE that the image may have: 0.02")
+	    ->type_name("E")
+	    ->group("Device");
 	add_report_options(app, options, raw);
 	app.footer(named ? examples_text : std::string(commands_text) + "\n" + examples_text);
 	RT_TRY_ASSIGN(const auto text, parse(app, std::move(arguments)));
@@ -519,6 +550,15 @@ Result<CommandLine> parse_render(std::vector<std::string> arguments, bool named)
 	RT_TRY(check_image(raw, options));
 	RT_TRY(check_rest(raw, options));
 	RT_TRY(check_together(options));
+	RT_TRY_ASSIGN(options.target_error, parse_amount("--target-error", target_error, "0.02"));
+	if (options.auto_precision != options.target_error.has_value())
+		return usage("--auto-precision and --target-error go together",
+		             "give both: --auto-precision --target-error 0.02");
+	if (options.auto_precision && options.device.device.find(',') != std::string::npos)
+		return usage("--auto-precision measures one device", "name one of them with --device");
+	for (const char* chosen : {"--precision", "--samples", "--sampler", "--estimator", "--roulette", "--resume"})
+		if (options.auto_precision && app.count(chosen) > 0)
+			return usage(fmt::format("--auto-precision chooses what {} says", chosen), "give one or the other");
 	return CommandLine(std::move(options));
 }
 
@@ -574,18 +614,6 @@ std::string as_long_option(const std::string& argument)
 struct RawTolerance {
 	std::string value, steps, percent, pixels, hard;
 };
-
-Result<std::optional<double>> parse_positive(const char* option, const std::string& text)
-{
-	if (text.empty())
-		return std::optional<double>();
-	double value = 0;
-	const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-	if (error != std::errc() || end != text.data() + text.size() || !(value >= 0) || !std::isfinite(value))
-		return usage(fmt::format("{} takes a number that is not negative, not '{}'", option, text),
-		             fmt::format("for example {} 0.004", option));
-	return std::optional(value);
-}
 
 Status check_tolerance(const RawTolerance& raw, const std::string& word, Tolerance& tolerance)
 {
@@ -787,6 +815,71 @@ Result<CommandLine> parse_trace(std::vector<std::string> arguments)
 	return CommandLine(std::move(options));
 }
 
+Result<CommandLine> parse_tradeoff(std::vector<std::string> arguments)
+{
+	TradeoffOptions options;
+	RawRender raw, measured;
+	RenderOptions measured_size;
+	std::string budget, target_error, limit, reference;
+	CLI::App app("Speed against accuracy: renders a scene in every precision, with every sampler and estimator and at "
+	             "several numbers of samples, holds the images against a converged one, and names the command line for "
+	             "a time or an error.");
+	set_manners(app, "rt tradeoff");
+	app.add_option("scene", options.render.scene,
+	               "a scene file, a shipped scene's name, or cloud-N;\n" + options.render.scene + " if none is named")
+	    ->type_name("");
+	const auto add = [&app](const char* name, std::string& value, const char* type, const char* group,
+	                        const std::string& text) {
+		app.add_option(name, value, text)->type_name(type)->group(group);
+	};
+	add("--budget", budget, "T", "Goal", "seconds that the image may take");
+	add("--target-error", target_error, "E", "Goal",
+	    "relative RMSE that it may have: 0.02 (without a goal:\nthat of the scene's own settings)");
+	add("--for", raw.size, "WxH", "Goal", "size of the image that is wanted (the scene's)");
+	add("--size", measured.size, "WxH", "Measuring", "of the images that are measured (320 pixels wide)");
+	add("--limit", limit, "S", "Measuring",
+	    fmt::format("seconds for all of it; what no longer fits is left\nout, and told ({})", options.limit_seconds));
+	add("--reference", reference, "N", "Measuring",
+	    fmt::format("samples of the converged image, which is kept for\nlater runs ({})", options.reference_samples));
+	add("--seed", raw.seed, "N", "Measuring", "of the random numbers of what is measured (0)");
+	add("--max-depth", raw.max_depth, "N", "Measuring", "scatterings after which a path ends");
+	add("--frames", raw.frames, "N", "Measuring", "frame of an animated scene (0)");
+	add("--json", options.json, "FILE", "Output", "all of it for programs; - for standard output");
+	add("--csv", options.csv, "FILE", "Output", "the table; tools/plot_tradeoff.py draws the JSON");
+	add_device_options(app, options.render, raw);
+	app.remove_option(app.get_option("--precision")); // all of them
+	add_report_options(app, options.render, raw);
+	app.footer("Examples:\n"
+	           "  rt tradeoff weekend --target-error 0.02\n"
+	           "  rt tradeoff cornell --budget 5 --for 1920x1080 --json cornell.json\n"
+	           "\n"
+	           "Ctrl-C keeps what was measured: the table and the files are written, exit status 130.");
+	RT_TRY_ASSIGN(const auto text, parse(app, std::move(arguments)));
+	if (text)
+		return CommandLine(*text);
+	RT_TRY(check_no_empty_value(app));
+	RT_TRY(check_image(raw, options.render));
+	RT_TRY(check_rest(raw, options.render));
+	RT_TRY(check_size(measured, measured_size));
+	options.width = measured_size.width;
+	options.height = measured_size.height;
+	RT_TRY_ASSIGN(options.budget, parse_amount("--budget", budget, "10"));
+	RT_TRY_ASSIGN(options.target_error, parse_amount("--target-error", target_error, "0.02"));
+	if (options.budget && options.target_error)
+		return usage("--budget and --target-error exclude each other", "give one or the other");
+	if (!limit.empty()) {
+		RT_TRY_ASSIGN(options.limit_seconds, parse_number("--limit", limit, {1, 864000}));
+	}
+	if (!reference.empty()) {
+		RT_TRY_ASSIGN(options.reference_samples, parse_number("--reference", reference, {64, RT_MAX_SAMPLES}));
+	}
+	if (options.render.frame_count() > 1)
+		return usage("rt tradeoff measures one frame", "name one: --frames 7");
+	if (options.json == "-" && options.csv == "-")
+		return usage("only one of --json and --csv can go to standard output", "name a file for the other");
+	return CommandLine(std::move(options));
+}
+
 Result<CommandLine> parse_bench(std::vector<std::string> arguments)
 {
 	BenchOptions options;
@@ -889,6 +982,8 @@ Result<CommandLine> parse_command_line(int argc, const char* const* argv)
 		return parse_verify(rest());
 	if (command == "trace")
 		return parse_trace(rest());
+	if (command == "tradeoff")
+		return parse_tradeoff(rest());
 	if (command == "bench")
 		return parse_bench(rest());
 	if (command == "help")

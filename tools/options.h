@@ -45,6 +45,8 @@ struct RenderOptions {
 	std::uint32_t lanes = 0;
 	bool self_test_afresh = false;
 	bool force_unverified = false;
+	bool auto_precision = false;        // take precision, sampler, estimator and samples from a measured tradeoff
+	std::optional<double> target_error; // with it: relative RMSE
 
 	ProgressMode progress = ProgressMode::Auto;
 	bool quiet = false, verbose = false;
@@ -111,13 +113,22 @@ struct BenchOptions {
 	bool quiet = false;
 };
 
+struct TradeoffOptions {
+	RenderOptions render; // scene, device, and the settings of the image that is to be rendered in the end
+	std::optional<std::uint32_t> width, height; // of what is measured; empty: small, of the image's shape
+	std::optional<double> budget, target_error; // seconds, or relative RMSE; at most one of them
+	std::uint32_t limit_seconds = 240;          // for measuring all of it
+	std::uint32_t reference_samples = 4096;
+	std::string json, csv; // files; "-" for one of them; empty: none
+};
+
 // --help and --version: text for standard output, and nothing else to do.
 struct TextRequest {
 	std::string text;
 };
 
 using CommandLine = std::variant<RenderOptions, DevicesOptions, InfoOptions, BenchOptions, CompareOptions,
-                                 ReproduceOptions, VerifyOptions, TraceOptions, TextRequest>;
+                                 ReproduceOptions, VerifyOptions, TraceOptions, TradeoffOptions, TextRequest>;
 
 Result<CommandLine> parse_command_line(int argc, const char* const* argv);
 

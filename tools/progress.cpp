@@ -67,7 +67,7 @@ std::string bar_line(const Figures& figures, const std::string& title, const std
 	std::string tail = " " + percent;
 	const std::string spp = counts_pixels ? fmt::format("  {}/{} spp", figures.spp_done, figures.spp_total) : "";
 	const std::string left = fmt::format("  {} left", clock_text(figures.left));
-	const std::string rate = fmt::format("  {}{}/s", format_quantity(figures.rate), unit);
+	const std::string rate = unit.empty() ? "" : fmt::format("  {}{}/s", format_quantity(figures.rate), unit);
 	const std::string head = title.empty() ? "" : title + "  ";
 	const std::size_t frame = head.size() + 2; // the bar's brackets
 	for (const std::string& part : {spp, left, rate, "  " + device})
@@ -157,9 +157,10 @@ void ProgressDisplay::update(const Progress& progress, std::uint64_t before)
 		last_tenth_ = tenth;
 		last_line_ = now;
 		const std::string spp = counts_pixels_ ? fmt::format("{}/{} spp, ", figures.spp_done, figures.spp_total) : "";
-		print_message(fmt::format("rt: {}{}{}%, {}{}{}/s, {} left, {}\n", title_, title_.empty() ? "" : ": ",
-		                          static_cast<int>(figures.fraction * 100), spp, format_quantity(figures.rate), unit_,
-		                          clock_text(figures.left), device_));
+		const std::string rate = unit_.empty() ? "" : fmt::format("{}{}/s, ", format_quantity(figures.rate), unit_);
+		print_message(fmt::format("rt: {}{}{}%, {}{}{} left{}{}\n", title_, title_.empty() ? "" : ": ",
+		                          static_cast<int>(figures.fraction * 100), spp, rate, clock_text(figures.left),
+		                          device_.empty() ? "" : ", ", device_));
 		return;
 	}
 	}

@@ -26,7 +26,7 @@ public:
 	ProgressDisplay& operator=(const ProgressDisplay&) = delete;
 
 	void set_device(std::string device);
-	// What is counted, where it is not samples of pixels: "inputs".
+	// What is counted, where it is not samples of pixels: "inputs"; empty where it is time, which has no rate.
 	void set_unit(std::string unit);
 	// A film of `pixels` is about to be rendered. `title` may be empty ("frame 3 of 10").
 	void begin(std::string title, std::uint64_t pixels);

@@ -9,6 +9,7 @@
 #include "tools/command_render.h"
 #include "tools/command_reproduce.h"
 #include "tools/command_trace.h"
+#include "tools/command_tradeoff.h"
 #include "tools/command_verify.h"
 #include "tools/options.h"
 #include "tools/report.h"
@@ -20,7 +21,13 @@
 
 namespace {
 
-rt::Status run_command(const rt::RenderOptions& options) { return rt::run_render(options); }
+rt::Status run_command(const rt::RenderOptions& options)
+{
+	if (!options.auto_precision)
+		return rt::run_render(options);
+	RT_TRY_ASSIGN(const rt::RenderOptions chosen, rt::with_auto_precision(options));
+	return rt::run_render(chosen);
+}
 
 rt::Status run_command(const rt::DevicesOptions& options) { return rt::run_devices(options); }
 
@@ -29,6 +36,7 @@ rt::Status run_command(const rt::InfoOptions& options) { return rt::run_info(opt
 rt::Status run_command(const rt::BenchOptions& options) { return rt::run_bench(options); }
 rt::Status run_command(const rt::VerifyOptions& options) { return rt::run_verify(options); }
 rt::Status run_command(const rt::TraceOptions& options) { return rt::run_trace(options); }
+rt::Status run_command(const rt::TradeoffOptions& options) { return rt::run_tradeoff(options); }
 
 rt::Status run_command(const rt::TextRequest& request)
 {

@@ -143,7 +143,11 @@ std::vector<Candidate> candidates_for(std::uint32_t features)
 			return;
 		Candidate one;
 		one.name = fmt::format("  and {}", name);
-		one.features = bit == RT_FEATURE_BVH ? bit | RT_FEATURE_PERMUTED : bit;
+		one.features = bit; // with what it needs (common/rt_features.h)
+		if (bit == RT_FEATURE_BVH)
+			one.features |= RT_FEATURE_PERMUTED;
+		if (bit == RT_FEATURE_LIGHTS)
+			one.features |= RT_FEATURE_LAMBERTIAN | RT_FEATURE_EMISSION;
 		all.push_back(std::move(one));
 	};
 #define RT_ADD(bit, name, text) add(bit, name);

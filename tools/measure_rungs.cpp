@@ -73,15 +73,17 @@ Material of_kind(Material::Kind kind, const Vec3d& albedo)
 	return material;
 }
 
-// One sphere of a material on a grey ground under an even sky; the camera looks at it from the side.
+// One sphere of a material on a grey ground; the camera looks at it from the side. The sky changes with height: under
+// an even one a sample's radiance tells only how often its path was scattered, and every small error stays unseen.
 Scene still_life(const Material& material)
 {
 	Scene scene;
 	scene.camera.from = {0, 1.2, -4};
 	scene.camera.at = {0, 0.6, 0};
 	scene.camera.focus = 4;
-	scene.sky.kind = Sky::Kind::Constant;
-	scene.sky.bottom = scene.sky.top = {0.7, 0.8, 1};
+	scene.sky.kind = Sky::Kind::Gradient;
+	scene.sky.bottom = {1, 1, 1};
+	scene.sky.top = {0.3, 0.6, 1};
 	scene.materials = {matte({0.5, 0.5, 0.5}), material};
 	scene.spheres = {{{0, -100, 0}, 100, 0}, {{0, 1, 0}, 1, 1}};
 	return scene;

@@ -323,8 +323,8 @@ private:
 		}
 		RT_TRY(device_->launch(program_, "rt_render", tiles * slices_ * 32 / stats_.lanes,
 		                       {by_value(scene_), by_value(few_), spheres_, wide_, ids_, sphere_materials_, bvh_,
-		                        materials_, textures_, texels_, lights_, film_, work.first_row, work.rows, work.first_sample,
-		                        work.samples, slices_, static_cast<std::uint32_t>(page_pixels_)},
+		                        materials_, textures_, texels_, lights_, film_, work.first_row, work.rows,
+		                        work.first_sample, work.samples, slices_, static_cast<std::uint32_t>(page_pixels_)},
 		                       shared_.options.group_size));
 		RT_TRY(device_->wait());
 		const double seconds = seconds_since(start);

@@ -758,8 +758,10 @@ def check_compiled(clang, root):
     features = re.findall(r"#define (RT_FEATURE_\w+) 0x[0-9a-fA-F]+u\b",
                           (root / "common/rt_features.h").read_text()) if (root / "common/rt_features.h").exists() else []
     variants = [["-DRT_DEF_NATIVE_ROOTS=0"], ["-DRT_DEF_NATIVE_ROOTS=1"]]
-    # A tree needs its own storage order: without RT_FEATURE_PERMUTED there is none.
-    without = {f: "RT_FEATURE_PERMUTED&~RT_FEATURE_BVH" if f == "RT_FEATURE_PERMUTED" else f for f in features}
+    # A tree needs its own storage order, and rays are aimed by matte surfaces, at what emits.
+    needed_by = {"RT_FEATURE_PERMUTED": "RT_FEATURE_BVH", "RT_FEATURE_LAMBERTIAN": "RT_FEATURE_LIGHTS",
+                 "RT_FEATURE_EMISSION": "RT_FEATURE_LIGHTS"}
+    without = {f: f"{f}&~{needed_by[f]}" if f in needed_by else f for f in features}
     variants += [[f"-DRT_FEATURES=(RT_FEATURE_ALL&~{without[f]})"] for f in features if f != "RT_FEATURE_ALL"]
     findings = {}
     for defines in variants:

@@ -125,7 +125,7 @@ RT_FN rt_aim rt_aim_at_lamp(rt_scene_view view, rt_ray ray, rt_vec3 n, rt_mask i
 	rt_aim aim;
 	rt_int lamp = rt_to_int(rt_splat_u(view.lights[0].sphere));
 	if (view.scene->light_count > 1u)
-		lamp = rt_light_choice(view, rt_random(view.scene->seed, pixel, sample, block | RT_LAMP_BLOCK));
+		lamp = rt_light_choice(view, rt_scattering_numbers(view.scene, pixel, sample, block | RT_LAMP_BLOCK));
 	rt_light_cone cone = rt_light_seen(view, ray, lamp);
 	aim.dir = rt_light_direction(cone, u.c, u.d);
 	rt_float cosine = v3_dot(n, aim.dir);

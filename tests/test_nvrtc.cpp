@@ -140,7 +140,7 @@ std::vector<std::string> options_with(const std::string& old_option, const std::
 	return options;
 }
 
-// The masks that the shipped scenes need, and all features together.
+// The masks that the shipped scenes need, also with rays aimed at their lamps, and all features together.
 std::set<std::uint32_t> shipped_feature_masks()
 {
 	std::set<std::uint32_t> masks = {RT_FEATURE_ALL};
@@ -152,7 +152,11 @@ std::set<std::uint32_t> shipped_feature_masks()
 		const SceneFile loaded = expect(load_scene_file(file.path().string()));
 		const Scene scene = expect(loaded.at_frame(0));
 		const Window window{0, 0, scene.render.width, scene.render.height};
-		masks.insert(expect(pack_scene(scene, scene.render, window)).features);
+		RenderSettings settings = scene.render;
+		for (const Estimator estimator : {settings.estimator, Estimator::Mis}) {
+			settings.estimator = estimator;
+			masks.insert(expect(pack_scene(scene, settings, window)).features);
+		}
 		++scenes;
 	}
 	CHECK(scenes > 0);

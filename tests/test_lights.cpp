@@ -734,10 +734,10 @@ TEST_CASE("wrong weights, a missing shadow and a lamp counted twice are found")
 	const std::vector<Mistake> mistakes = {
 	    {Estimator::Nee,
 	     {"no fault",
-	      {{"kernels/light.h", "return (cone.height + cone.height)", "return (cone.height + cone.height)"}}}},
+	      {{"kernels/light.h", "return (cosine + cosine)", "return (cosine + cosine)"}}}},
 	    {Estimator::Nee,
 	     {"a density one percent too small",
-	      {{"kernels/light.h", "return (cone.height + cone.height)", "return 1.01f * (cone.height + cone.height)"}}}},
+	      {{"kernels/light.h", "return (cosine + cosine)", "return 1.01f * (cosine + cosine)"}}}},
 	    {Estimator::Nee,
 	     {"no shadows",
 	      {{"kernels/path.h", "mask & (hit.index == path.aim.lamp)", "mask & (hit.index == hit.index)"}}}},

@@ -121,6 +121,10 @@ const Bad bad_scenes[] = {
     {R"("max_depth": 5)", R"("max_depth": 10001)", ":15, $.render.max_depth", "10001", "10000"},
     {R"("seed": 7)", R"("seed": -1)", ":15, $.render.seed", "-1 is out of range", "4294967295"},
     {R"("seed": 7)", R"("seed": 4294967296)", ":15, $.render.seed", "4294967296 is out of range", "4294967295"},
+    {R"("seed": 7)", R"("sampler": "halton")", ":15, $.render.sampler", "halton", "sobol"},
+    {R"("seed": 7)", R"("sampler": 2)", ":15, $.render.sampler", "", ""},
+    {R"("seed": 7)", R"("estimator": "NEE")", ":15, $.render.estimator", "NEE", "nee"},
+    {R"("seed": 7)", R"("roulette": -1)", ":15, $.render.roulette", "-1 is out of range", "10000"},
     // keyframes
     {R"({"center": [0, 0, 1], "radius": -0.5, "material": "glass"})", R"([])", ":14, $.spheres[1]",
      "list of keyframes is empty", "\"frame\""},
@@ -226,11 +230,30 @@ TEST_CASE("a good scene is read as it stands")
 	CHECK(scene.render.samples == 4);
 	CHECK(scene.render.max_depth == 5);
 	CHECK(scene.render.seed == 7);
+	CHECK(scene.render.sampler == Sampler::Independent);
+	CHECK(scene.render.estimator == Estimator::Path);
+	CHECK(scene.render.roulette == 0);
 	CHECK(file->camera_track.empty());
 	CHECK(file->sphere_tracks.empty());
 	const Result<Scene> frame = file->at_frame(5);
 	REQUIRE(frame);
 	CHECK(frame->hash == scene.hash);
+}
+
+TEST_CASE("a scene file chooses sampler, estimator and roulette; the scene's hash does not know of it")
+{
+	for (const Sampler sampler : all_samplers)
+		for (const Estimator estimator : all_estimators) {
+			const Result<SceneFile> file =
+			    parsed(replaced(good, R"("seed": 7)",
+			                    std::string(R"("seed": 7, "sampler": ")") + sampler_name(sampler) +
+			                        R"(", "estimator": ")" + estimator_name(estimator) + R"(", "roulette": 4)"));
+			REQUIRE(file);
+			CHECK(file->base.render.sampler == sampler);
+			CHECK(file->base.render.estimator == estimator);
+			CHECK(file->base.render.roulette == 4);
+			CHECK(file->base.hash == parsed(good)->base.hash);
+		}
 }
 
 TEST_CASE("every kind of bad scene has its line, path and cure")

@@ -171,7 +171,7 @@ TEST_CASE("rule 20: a tile goes on while one beside it is noisy")
 	noisy[7] = true;                                      // (2, 1)
 	active[6] = false;                                    // stopped before: it does not come back
 	std::vector<bool> expected(20, false);
-	for (const std::size_t i : {1, 2, 3, 7, 8, 11, 12, 13})
+	for (const std::size_t i : {1u, 2u, 3u, 7u, 8u, 11u, 12u, 13u})
 		expected[i] = true;
 	CHECK(still_active(active, noisy, 5) == expected);
 	CHECK(still_active(active, std::vector<bool>(20, false), 5) == std::vector<bool>(20, false));
@@ -248,7 +248,7 @@ TEST_CASE("rule 20: the estimate is that of the definition, and nothing overflow
 					const long double v = variance[y * width + x];
 					sum += v;
 					squares += v * v;
-					mean += luminance(film, x, y);
+					mean += static_cast<long double>(luminance(film, x, y));
 				}
 			const long double pixels = tile.width * tile.height;
 			// In the film's units: (error of a pixel's mean)^2, averaged, with its spread.

@@ -705,8 +705,8 @@ TEST_CASE("rule 9: aimed rays have no scale", "[identity]")
 {
 	for (const Estimator estimator : aiming)
 		for (const auto& [name, scene] : identity_scenes()) {
-			const auto film_at = [&](int k, double radius_factor) {
-				Scene other = scene;
+			const auto film_at = [&, &unscaled = scene](int k, double radius_factor) {
+				Scene other = unscaled;
 				for (Vec3d* v : {&other.camera.from, &other.camera.at})
 					*v = scaled(std::ldexp(1.0, k), *v);
 				for (Sphere& sphere : other.spheres) {

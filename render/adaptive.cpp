@@ -17,6 +17,10 @@ constexpr double quantile = 2;
 // and has the variance 2 V^2. The estimate of V varies too, about a tenth as much; but so does the square of it by
 // which V^2 is estimated here, upwards.
 constexpr double spread_factor = 2 * quantile * quantile;
+// What happens to a pixel three times in its samples, on average, is not seen at all in one of twenty renders (the rule
+// of three, Hanley and Lippman-Hand 1983). One pixel of a tile may have missed that much of the tile's mean luminance;
+// without it a tile of sky with a sphere's edge in a corner would be told to be free of error.
+constexpr double unseen_events = 3;
 // Added to the luminance that an error is divided by, so that a dark tile ends. It is 1 % of white: in a tile that is
 // all but black, 10 % of it is 3 codes of 255 in sRGB.
 constexpr double dark_luminance = 0.01;
@@ -54,7 +58,10 @@ double relative_error_bound(const TileSums& sums, std::int32_t film_exponent)
 	const double variance =
 	    std::fma(spread, std::ldexp(1.0, static_cast<int>(sums.squares_shift)), to_double(sums.variance));
 	const double dark = std::ldexp(dark_luminance, film_exponent + 8) * pixels;
-	return std::sqrt(variance * pixels) * sums.half / std::fma(dark, sums.samples, to_double(sums.luminance));
+	const double ratio =
+	    std::sqrt(variance * pixels) * sums.half / std::fma(dark, sums.samples, to_double(sums.luminance));
+	const double missed = unseen_events / sums.samples;
+	return std::sqrt(std::fma(ratio, ratio, missed * missed / pixels));
 }
 
 TileStatistics::TileStatistics(std::uint32_t width, std::uint32_t height)

@@ -4,7 +4,7 @@
 // the halves of a stage, (a - b)^2 estimates the variance of a + b without bias, whatever the pixel's distribution; and
 // variances of stages add up. So the sum of the squares, over the stages and over a tile's pixels, estimates the square
 // of the error of the tile's pixels. Its own error, and that of the squared error about its mean, follow from the sum
-// of the squares of the pixels' shares.
+// of the squares of the pixels' shares. To it is added what one pixel may have missed altogether.
 //
 // All sums are exact integers. They become an estimate by a handful of correctly rounded operations in double, so the
 // same films give the same decisions on every machine.

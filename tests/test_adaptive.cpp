@@ -206,11 +206,12 @@ TEST_CASE("windows cover the active tiles and nothing else")
 
 TEST_CASE("rule 20: the estimate is that of the definition, and nothing overflows")
 {
-	// A film of numbers, sample by sample; `scale` up to the largest that a sample may be.
-	for (const double scale : {0x1p12, 0x1p20, 0x1p40}) {
+	// A film of numbers, sample by sample, each scale or a quarter of it; up to the largest that one may be.
+	for (const int exponent : {12, 20, 40}) {
+		const double scale = std::ldexp(1.0, exponent);
 		const std::uint32_t width = 20, height = 18; // tiles of 16x16, 4x16, 16x2, 4x2
 		TileStatistics tiles(width, height);
-		Film film(width, height, {0, 0, width, height}, 30);
+		Film film(width, height, {0, 0, width, height}, exponent);
 		std::mt19937 random(11);
 		const std::vector<bool> active(tiles.count(), true);
 		std::vector<long double> variance(width * height); // of the sum of samples
@@ -253,7 +254,8 @@ TEST_CASE("rule 20: the estimate is that of the definition, and nothing overflow
 			const long double pixels = tile.width * tile.height;
 			// In the film's units: (error of a pixel's mean)^2, averaged, with its spread.
 			const long double error = std::sqrt((sum + 2 * std::sqrt(2 * squares)) / pixels) / samples;
-			const long double expected = std::ldexp(error, -38) / (mean / pixels + 0.01L);
+			const long double seen = std::ldexp(error, -exponent - 8) / (mean / pixels + 0.01L);
+			const long double expected = std::sqrt(seen * seen + 9 / pixels / samples / samples);
 			const double bound = relative_error_bound(tiles.sums(index), film.exponent());
 			INFO("scale " << scale << ", tile " << index);
 			// At 2^12 the rounding of variances to whole units of half^2 shows.
@@ -352,12 +354,12 @@ TEST_CASE("rule 20: a pixel of an adaptive film holds its first samples")
 {
 	const PackedScene packed = pack("weekend", 80, 45, 1);
 	// A limit that is no number at which decisions fall.
-	const AdaptiveResult result = render_to(packed, {&quick_device()}, to_error(0.05, 90));
+	const AdaptiveResult result = render_to(packed, {&quick_device()}, to_error(0.1, 50));
 	const Film& film = result.session.film;
 	const TileStatistics tiles(80, 45);
 	REQUIRE(result.report.tiles.size() == tiles.count());
-	CHECK(counts_of(result.report).size() > 2);
-	CHECK(*counts_of(result.report).rbegin() == 90);
+	CHECK(counts_of(result.report).size() >= 2);
+	CHECK(*counts_of(result.report).rbegin() == 50);
 	CHECK(result.report.unfinished > 0);
 	std::map<std::uint32_t, Film> even;
 	for (const std::uint32_t count : counts_of(result.report))
@@ -422,6 +424,6 @@ TEST_CASE("the error lies under the bound in 95 of 100 renders")
 TEST_CASE("coverage of the bound on more scenes", "[.coverage]")
 {
 	for (const auto& [scene, error] : {std::pair("three-spheres", 0.1), std::pair("weekend", 0.07),
-	                                   std::pair("floating", 0.05), std::pair("cornell", 0.3)})
+	                                   std::pair("floating", 0.05), std::pair("cornell", 0.4)})
 		print(scene, error, measure_coverage(scene, 64, 36, error, 1024, 200, 4096));
 }

@@ -149,12 +149,20 @@ TEST_CASE("bench: sweeps go from small to large and fit an exponent")
 	REQUIRE(pixels.size() == 7);
 	CHECK(pixels.back() == 64 * 32);
 	CHECK(pixels.front() == 8 * 4);
-	const std::vector<double> spheres =
-	    points(bench("--size 8x4 --spp 1 --repeats 1 --sweep spheres --limit 1"), "spheres");
-	REQUIRE(spheres.size() >= 3);
-	CHECK(spheres[0] == 10);
-	CHECK(spheres[2] == 1000);
 }
+
+// Not in a sanitized build: what --limit foretells of a render does not hold for the millions of spheres that are made
+// before it, and their tree.
+#if !RT_TEST_SANITIZED
+TEST_CASE("bench: a sweep of spheres ends where a render would take too long")
+{
+	const Json json = bench("--size 8x4 --spp 1 --repeats 1 --sweep spheres --limit 1");
+	const Json& points = json.at("sweep").at("points");
+	REQUIRE(points.size() >= 3);
+	CHECK(points[0].at("x") == 10);
+	CHECK(points[2].at("x") == 1000);
+}
+#endif
 
 TEST_CASE("bench: each number of threads is a process of its own, with the same film")
 {

@@ -191,7 +191,8 @@ public:
 	Tree(const PackedScene& packed, std::uint32_t lanes)
 	    : packed_(packed), lanes_(lanes), width_(RT_BVH_WIDTH(lanes)), words_(packed.bvh.size() * 4)
 	{
-		std::memcpy(words_.data(), packed.bvh.data(), words_.size() * sizeof(float));
+		if (!words_.empty())
+			std::memcpy(words_.data(), packed.bvh.data(), words_.size() * sizeof(float));
 	}
 
 	// Visits every leaf once; `enclosing` are the boxes on the way.

@@ -75,6 +75,7 @@ TEST_CASE("features: what is left out leaves no word behind")
 		const std::string code = code_with(without);
 		std::smatch left;
 		std::regex_search(code, left, words);
-		CHECK(left.str() == "");
+		INFO("left: " << left.str());
+		CHECK(left.empty());
 	}
 }

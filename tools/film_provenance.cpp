@@ -86,7 +86,7 @@ Provenance provenance_of(const FilmOrigin& origin, const Film& film, const std::
 	// A setting that is left as it is goes without saying.
 	const RenderSettings& settings = origin.settings;
 	const RenderSettings plain;
-	const auto unless_plain = [](bool is_plain, std::string value) { return is_plain ? std::string() : value; };
+	const auto unless_plain = [](bool is_plain, const std::string& value) { return is_plain ? std::string() : value; };
 	Provenance all = {
 	    {"Software", software_text()},
 	    {"Contract", contract_text(origin.precision)},

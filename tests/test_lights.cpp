@@ -732,9 +732,7 @@ TEST_CASE("wrong weights, a missing shadow and a lamp counted twice are found")
 		Fault fault;
 	};
 	const std::vector<Mistake> mistakes = {
-	    {Estimator::Nee,
-	     {"no fault",
-	      {{"kernels/light.h", "return (cosine + cosine)", "return (cosine + cosine)"}}}},
+	    {Estimator::Nee, {"no fault", {{"kernels/light.h", "return (cosine + cosine)", "return (cosine + cosine)"}}}},
 	    {Estimator::Nee,
 	     {"a density one percent too small",
 	      {{"kernels/light.h", "return (cosine + cosine)", "return 1.01f * (cosine + cosine)"}}}},

@@ -65,7 +65,7 @@ def pyplot_of_house():
 
 def plot(result, path):
     pyplot = pyplot_of_house()
-    figure, axes = pyplot.subplots(figsize=(5.6, 3.8), layout="constrained")
+    figure, axes = pyplot.subplots(figsize=(7.2, 4.2), layout="constrained")
     front = sorted((point["seconds"], point["rel_rmse"]) for point in result["points"] if point["on_front"])
     if front:
         axes.loglog(*zip(*front), drawstyle="steps-post", color="0.8", linewidth=5, zorder=0, label="front")
@@ -84,7 +84,7 @@ def plot(result, path):
     axes.set_title(f"{result['scene']}, {device_text(result['devices'][0])}" if len(result["devices"]) == 1
                    else result["scene"], fontsize=9)
     axes.grid(True, which="major", linewidth=0.3)
-    axes.legend(fontsize=7, frameon=False)
+    axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=7, frameon=False)
     figure.savefig(path, metadata={"Date": None} if str(path).endswith(".svg") else None)
     pyplot.close(figure)
 

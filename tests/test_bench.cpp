@@ -1,5 +1,6 @@
 // `rt bench` as a program sees it: the shape of its JSON, and that its figures hang together. No test of a speed.
 #include "tests/catch.h"
+#include "tests/run_command.h"
 
 #include <nlohmann/json.hpp>
 
@@ -17,24 +18,11 @@ namespace {
 
 using Json = nlohmann::json;
 
-struct Outcome {
-	int status = -1;
-	std::string out;
-};
-
 // Runs rt with a shell's line of arguments, on the reference backend, with nothing remembered from other runs.
 Outcome run_rt(const std::string& arguments, const std::string& errors = "/dev/null")
 {
 	const std::string command = "RT_CACHE=off '" RT_PROGRAM "' " + arguments + " 2>" + errors;
-	std::FILE* pipe = popen(command.c_str(), "r");
-	REQUIRE(pipe != nullptr);
-	Outcome outcome;
-	char buffer[4096];
-	for (std::size_t count; (count = std::fread(buffer, 1, sizeof buffer, pipe)) > 0;)
-		outcome.out.append(buffer, count);
-	const int status = pclose(pipe);
-	outcome.status = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-	return outcome;
+	return run_command(command);
 }
 
 Json bench(const std::string& arguments)

@@ -4,6 +4,7 @@
 #include "render/image_read.h"
 #include "support/files.h"
 #include "tests/catch.h"
+#include "tests/run_command.h"
 
 #include <nlohmann/json.hpp>
 
@@ -19,11 +20,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
-
-struct Outcome {
-	int status;
-	std::string text; // both streams
-};
 
 // A directory in which rt runs; its kernel cache is there too.
 class Bench {
@@ -47,20 +43,12 @@ public:
 	{
 		const std::string command = "cd '" + path_.string() + "' && RT_CACHE_DIR='" + path_.string() + "/cache' " +
 		                            environment + " '" RT_PROGRAM "' " + arguments + " 2>&1 </dev/null";
-		std::FILE* pipe = popen(command.c_str(), "r");
-		REQUIRE(pipe != nullptr);
-		Outcome outcome{};
-		char buffer[4096];
-		for (std::size_t got; (got = std::fread(buffer, 1, sizeof buffer, pipe)) > 0;)
-			outcome.text.append(buffer, got);
-		const int status = pclose(pipe);
-		outcome.status = WIFEXITED(status) ? WEXITSTATUS(status) : 1000 + status;
-		return outcome;
+		return run_command(command);
 	}
 	Outcome render(const std::string& arguments) const
 	{
 		const Outcome outcome = rt("--backend reference --size 24x16 --samples 2 -q " + arguments);
-		INFO(outcome.text);
+		INFO(outcome.out);
 		REQUIRE(outcome.status == 0);
 		return outcome;
 	}
@@ -81,7 +69,7 @@ private:
 	fs::path path_;
 };
 
-bool has(const Outcome& outcome, const std::string& part) { return outcome.text.find(part) != std::string::npos; }
+bool has(const Outcome& outcome, const std::string& part) { return outcome.out.find(part) != std::string::npos; }
 
 } // namespace
 
@@ -95,20 +83,20 @@ TEST_CASE("rt compare: verdict, hashes, metadata, pixels, histogram, metrics, an
 
 	for (const char* pair : {"a.rtfilm a.rtfilm", "a.rtfilm a.exr", "a.exr a.pfm", "a.png a.rtfilm", "a.png a.png"}) {
 		const Outcome same = bench.rt(std::string("compare ") + pair);
-		INFO(pair << "\n" << same.text);
+		INFO(pair << "\n" << same.out);
 		CHECK(same.status == 0);
-		CHECK(same.text.rfind("identical", 0) == 0);
+		CHECK(same.out.rfind("identical", 0) == 0);
 	}
 	const Outcome other = bench.rt("compare a.rtfilm b.rtfilm -o difference.png");
-	INFO(other.text);
+	INFO(other.out);
 	CHECK(other.status == 2);
-	CHECK(other.text.rfind("failure: ", 0) == 0);
+	CHECK(other.out.rfind("failure: ", 0) == 0);
 	std::size_t at = 0;
 	for (const char* part :
 	     {"a difference was to be expected: another Seed", "film hash", "metadata that differs", "Seed", "first",
 	      "worst", "histogram", "MAE", "PSNR", "z ", "FLIP", "difference.png: |A - B| x"}) {
 		INFO(part);
-		const std::size_t found = other.text.find(part, at);
+		const std::size_t found = other.out.find(part, at);
 		CHECK(found != std::string::npos);
 		at = found == std::string::npos ? at : found;
 	}
@@ -157,14 +145,14 @@ TEST_CASE("rt compare: verdict, hashes, metadata, pixels, histogram, metrics, an
 	CHECK(bench.rt("compare a.png b.png --html nowhere/page.html").status == 4);
 
 	const Outcome json = bench.rt("compare a.rtfilm b.rtfilm --json --hdr-flip");
-	const Json parsed = Json::parse(json.text);
+	const Json parsed = Json::parse(json.out);
 	CHECK(parsed["verdict"] == "failure");
 	CHECK(parsed["exit_status"] == 2);
 	CHECK(parsed["expected"]["difference"] == "different");
 	CHECK(parsed["pixels"] == 24 * 16);
 	CHECK(parsed["metrics"]["hdr_flip"].get<double>() > 0);
 	CHECK(parsed["a"]["film_hash"] != parsed["b"]["film_hash"]);
-	CHECK(Json::parse(bench.rt("compare a.png a.png --json").text)["verdict"] == "identical");
+	CHECK(Json::parse(bench.rt("compare a.png a.png --json").out)["verdict"] == "identical");
 }
 
 TEST_CASE("a pixel that nothing explains is called what it is")
@@ -176,7 +164,7 @@ TEST_CASE("a pixel that nothing explains is called what it is")
 	auto altered = rt::encode_rtfilm(*image.film, image.provenance);
 	REQUIRE(rt::write_file((bench / "b.rtfilm").string(), altered.data(), altered.size()));
 	const Outcome outcome = bench.rt("compare a.rtfilm b.rtfilm");
-	INFO(outcome.text);
+	INFO(outcome.out);
 	CHECK(outcome.status == 2);
 	CHECK(has(outcome, "NOT expected"));
 	CHECK(has(outcome, "first  (7, 5) B: "));
@@ -207,9 +195,9 @@ TEST_CASE("rt reproduce renders an image again from what it says, and finds what
 	bench.render("weekend -o a.rtfilm");
 	for (const char* name : {"a.png", "a.exr", "a.rtfilm"}) {
 		const Outcome outcome = bench.rt(std::string("reproduce --backend reference -o again.rtfilm ") + name);
-		INFO(outcome.text);
+		INFO(outcome.out);
 		CHECK(outcome.status == 0);
-		CHECK(outcome.text.rfind("reproduced", 0) == 0);
+		CHECK(outcome.out.rfind("reproduced", 0) == 0);
 		CHECK(bench.rt(std::string("compare again.rtfilm ") + name).status == 0);
 	}
 	// With the provenance kept, one code changed: the film that the image tells is right, its pixels are not of it.
@@ -220,11 +208,11 @@ TEST_CASE("rt reproduce renders an image again from what it says, and finds what
 	REQUIRE(altered);
 	REQUIRE(rt::write_file((bench / "altered.png").string(), altered->data(), altered->size()));
 	const Outcome outcome = bench.rt("reproduce altered.png --backend reference");
-	INFO(outcome.text);
+	INFO(outcome.out);
 	CHECK(outcome.status == 1);
 	CHECK(has(outcome, "the file was altered"));
 	CHECK(has(outcome, "1 of 384 pixels differ"));
-	CHECK(Json::parse(bench.rt("reproduce altered.png --backend reference --json").text)["reproduced"] == false);
+	CHECK(Json::parse(bench.rt("reproduce altered.png --backend reference --json").out)["reproduced"] == false);
 
 	// What cannot be reproduced is said before anything is rendered.
 	const auto with = [&](const std::string& key, const std::string& value) {
@@ -272,7 +260,7 @@ TEST_CASE("rt reproduce says when the scene is not the one of the image")
 	CHECK(bench.rt("reproduce my.png --backend reference").status == 0);
 	save("my.json", "1.5");
 	const Outcome changed = bench.rt("reproduce my.png --backend reference");
-	INFO(changed.text);
+	INFO(changed.out);
 	CHECK(changed.status == 7);
 	CHECK(has(changed, "another scene"));
 	CHECK(has(changed, "--scene"));
@@ -294,7 +282,7 @@ TEST_CASE("an image of a device that is not verified says so in its name, its me
 	const std::string arguments = "--backend opencl --size 24x16 --samples 2 -q --force-unverified";
 	const Outcome outcome = bench.rt(arguments, fast);
 	if (!has(outcome, "is not verified")) {
-		WARN("no PoCL, whose arithmetic a variable spoils: not tested\n" << outcome.text);
+		WARN("no PoCL, whose arithmetic a variable spoils: not tested\n" << outcome.out);
 		return;
 	}
 	CHECK(outcome.status == 0);
@@ -307,7 +295,7 @@ TEST_CASE("an image of a device that is not verified says so in its name, its me
 	CHECK(bytes.find(std::string("tEXtWarning\0NOT VERIFIED", 24)) != std::string::npos);
 	bench.render("-o a.exr");
 	const Outcome comparison = bench.rt("compare u.exr a.exr");
-	INFO(comparison.text);
+	INFO(comparison.out);
 	CHECK(has(comparison, "A is of a device that is not verified"));
 	const Outcome again = bench.rt("reproduce u.exr --backend reference");
 	CHECK(again.status == 1);

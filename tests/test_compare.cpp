@@ -6,6 +6,7 @@
 #include "render/image_read.h"
 #include "support/files.h"
 #include "tests/catch.h"
+#include "tests/run_command.h"
 
 #include <ImfChannelList.h>
 #include <ImfFrameBuffer.h>
@@ -131,21 +132,7 @@ private:
 	std::string path_;
 };
 
-struct Output {
-	int status;
-	std::string text;
-};
-Output shell(const std::string& command)
-{
-	std::FILE* pipe = popen((command + " 2>&1").c_str(), "r");
-	REQUIRE(pipe != nullptr);
-	std::string text;
-	char buffer[4096];
-	for (std::size_t got; (got = std::fread(buffer, 1, sizeof buffer, pipe)) > 0;)
-		text.append(buffer, got);
-	const int status = pclose(pipe);
-	return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, text};
-}
+Outcome shell(const std::string& command) { return run_command(command + " 2>&1"); }
 
 // A PNG of any kind, by libpng.
 Bytes foreign_png(std::uint32_t width, std::uint32_t height, int depth, int type, bool interlaced, const Bytes& pixels)
@@ -627,11 +614,11 @@ TEST_CASE("idiff agrees on mean, RMS, PSNR, maximum and status")
 		const std::string a = scratch.write("a" + extension, first.data(), first.size());
 		const std::string b = scratch.write("b" + extension, second.data(), second.size());
 		const Comparison ours = compared(decoded(first), decoded(second));
-		const Output theirs = shell("idiff " + a + " " + b);
-		INFO(theirs.text);
+		const Outcome theirs = shell("idiff " + a + " " + b);
+		INFO(theirs.out);
 		const auto agrees = [&](const char* name, double value) {
 			std::smatch match;
-			REQUIRE(std::regex_search(theirs.text, match, std::regex(std::string(name) + " *= *([-+.0-9e]+)")));
+			REQUIRE(std::regex_search(theirs.out, match, std::regex(std::string(name) + " *= *([-+.0-9e]+)")));
 			const double printed = std::stod(match[1]);
 			// idiff prints six digits: to half of the last one, and 1e-6 for its floats.
 			const double last = std::pow(10, std::floor(std::log10(std::fabs(printed))) - 5);
@@ -656,12 +643,12 @@ TEST_CASE("idiff agrees on mean, RMS, PSNR, maximum and status")
 				                            : limited.failing_pixels > 0        ? 1
 				                                                                : 0;
 				CHECK(limited.verdict == (expected_status == 2 ? Verdict::Failure : Verdict::Warning));
-				const Output judged = shell("idiff -fail " + std::to_string(limit) + " -failpercent " +
-				                            std::to_string(percent) + " -warn 0.015 " + a + " " + b);
-				INFO(limit << " " << percent << "\n" << judged.text);
+				const Outcome judged = shell("idiff -fail " + std::to_string(limit) + " -failpercent " +
+				                             std::to_string(percent) + " -warn 0.015 " + a + " " + b);
+				INFO(limit << " " << percent << "\n" << judged.out);
 				CHECK(judged.status == expected_status);
 				if (limited.failing_pixels > 0)
-					CHECK(judged.text.find(" " + std::to_string(limited.failing_pixels) + " pixels") !=
+					CHECK(judged.out.find(" " + std::to_string(limited.failing_pixels) + " pixels") !=
 					      std::string::npos);
 			}
 	}
@@ -766,9 +753,9 @@ TEST_CASE("FLIP maps are those of flip-evaluator, pixel by pixel")
 		const std::string a = scratch.write("a", reference.rgb.data(), 4 * reference.rgb.size());
 		const std::string b = scratch.write("b", test.rgb.data(), 4 * test.rgb.size());
 		const std::string out = a + ".map";
-		const Output output = shell(python + " " + program + " " + a + " " + b + " " + std::to_string(flip_width) +
-		                            " " + std::to_string(flip_height) + (flip_case.hdr ? " HDR " : " LDR ") + out);
-		INFO(flip_case.name << ": " << output.text);
+		const Outcome output = shell(python + " " + program + " " + a + " " + b + " " + std::to_string(flip_width) +
+		                             " " + std::to_string(flip_height) + (flip_case.hdr ? " HDR " : " LDR ") + out);
+		INFO(flip_case.name << ": " << output.out);
 		REQUIRE(output.status == 0);
 		const auto bytes = read_file(out);
 		REQUIRE(bytes);

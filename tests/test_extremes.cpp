@@ -7,6 +7,7 @@
 // All seeds are fixed. |z| < 4 fails for a correct program once in 16,000 draws.
 #include "tests/catch.h"
 #include "tests/devices.h"
+#include "tests/scene_builders.h"
 #include "tests/statistics.h"
 #include "tests/textbook_tracer.h"
 
@@ -61,18 +62,14 @@ Scene scene_named(const std::string& name)
 	return file->base;
 }
 
-Material material_of(Material::Kind kind, double albedo, double emission = 0, double ior = 1.5)
+Material lamp(double emission) { return material_of(Material::Kind::Light, 0, emission); }
+Material matte(double albedo) { return material_of(Material::Kind::Lambertian, albedo); }
+Material glass(double ior)
 {
-	Material material;
-	material.kind = kind;
-	material.albedo = {albedo, albedo, albedo};
-	material.emission = {emission, emission, emission};
+	Material material = material_of(Material::Kind::Dielectric, 1);
 	material.ior = ior;
 	return material;
 }
-Material lamp(double emission) { return material_of(Material::Kind::Light, 0, emission); }
-Material matte(double albedo) { return material_of(Material::Kind::Lambertian, albedo); }
-Material glass(double ior) { return material_of(Material::Kind::Dielectric, 1, 0, ior); }
 
 Camera camera_of(const Vec3d& from, const Vec3d& at, double vfov)
 {
@@ -81,29 +78,6 @@ Camera camera_of(const Vec3d& from, const Vec3d& at, double vfov)
 	camera.at = at;
 	camera.vfov = vfov;
 	return camera;
-}
-
-Scene scene_of(const Camera& camera, double sky, std::vector<Material> materials, std::vector<Sphere> spheres)
-{
-	Scene scene;
-	scene.camera = camera;
-	scene.sky.kind = sky > 0 ? Sky::Kind::Constant : Sky::Kind::None;
-	scene.sky.bottom = {sky, sky, sky};
-	scene.materials = std::move(materials);
-	scene.spheres = std::move(spheres);
-	return scene;
-}
-
-RenderSettings of_size(std::uint32_t width, std::uint32_t height, std::uint32_t samples, std::uint32_t max_depth,
-                       std::uint32_t seed = 0)
-{
-	RenderSettings settings;
-	settings.width = width;
-	settings.height = height;
-	settings.samples = samples;
-	settings.max_depth = max_depth;
-	settings.seed = seed;
-	return settings;
 }
 
 PackedScene packed_of(const Scene& scene, const RenderSettings& settings, const Window* window = nullptr)
@@ -278,7 +252,7 @@ TEST_CASE("extreme: tiny far sphere", "[extremes]")
 	};
 	// A disc in a square picture of 2.5 radii.
 	const double share = pi / 6.25;
-	const RenderSettings settings = of_size(16, 16, 64, 4);
+	const RenderSettings settings = settings_of(16, 16, 64, 4);
 	const auto disc = [](const Case& c, const Vec3d& towards) {
 		const Vec3d from{c.distance * towards[0], c.distance * towards[1], c.distance * towards[2]};
 		return scene_of(camera_of(from, {0, 0, 0}, degrees(1.25 * c.radius / c.distance)), 0, {lamp(1)},
@@ -286,7 +260,7 @@ TEST_CASE("extreme: tiny far sphere", "[extremes]")
 	};
 	const Vec3d axis{0, 0, 1}, oblique{2 / 7.0, 3 / 7.0, 6 / 7.0};
 	Scene shaded = scene_named("extremes/tiny-far");
-	const RenderSettings shading = of_size(20, 15, 32, 4);
+	const RenderSettings shading = settings_of(20, 15, 32, 4);
 	const Film truth = oracle_of(shaded, shading);
 	for (const TestDevice& device : test_devices()) {
 		std::string text = "disc's area, sigma:";
@@ -318,7 +292,7 @@ TEST_CASE("extreme: tiny far sphere", "[extremes]")
 
 TEST_CASE("extreme: huge ground", "[extremes]")
 {
-	const RenderSettings settings = of_size(16, 12, 4, 2), level = of_size(24, 24, 16, 2);
+	const RenderSettings settings = settings_of(16, 12, 4, 2), level = settings_of(24, 24, 16, 2);
 	double book_lost = 0, book_cases = 0;
 	// Something small makes the ground wide (RT_WIDE_RATIO); here it is out of sight. A ground all
 	// alone is not: it is seen by r^2 - |l|^2, which near it has lost its digits.
@@ -367,7 +341,7 @@ TEST_CASE("extreme: huge ground", "[extremes]")
 TEST_CASE("extreme: smallpt box in float", "[extremes]")
 {
 	const Scene sealed = scene_named("extremes/sealed-box"), cornell = scene_named("cornell");
-	const RenderSettings settings = of_size(32, 24, 4, 50), lit = of_size(16, 12, 64, 20);
+	const RenderSettings settings = settings_of(32, 24, 4, 50), lit = settings_of(16, 12, 64, 20);
 	const Film truth = oracle_of(cornell, lit);
 	for (const TestDevice& device : test_devices()) {
 		const std::int64_t leaks = lit_sums(film_of(sealed, settings, device));
@@ -385,7 +359,7 @@ TEST_CASE("extreme: smallpt box in float", "[extremes]")
 TEST_CASE("extreme: world offset", "[extremes]")
 {
 	const Scene scene = scene_named("three-spheres");
-	const RenderSettings settings = of_size(32, 24, 8, 50);
+	const RenderSettings settings = settings_of(32, 24, 8, 50);
 	const Film truth = oracle_of(scene, settings);
 	for (const TestDevice& device : test_devices()) {
 		const Film here = film_of(scene, settings, device);
@@ -421,7 +395,7 @@ TEST_CASE("extreme: world offset", "[extremes]")
 TEST_CASE("extreme: power-of-two scale", "[extremes]")
 {
 	const Scene scene = scene_named("three-spheres");
-	const RenderSettings settings = of_size(24, 16, 4, 50);
+	const RenderSettings settings = settings_of(24, 16, 4, 50);
 	const Film truth = oracle_of(scene, settings);
 	for (const TestDevice& device : test_devices()) {
 		const std::string hash = film_of(scene, settings, device).hash().hex();
@@ -445,7 +419,7 @@ TEST_CASE("extreme: small spheres on a large one, far from the camera", "[extrem
 {
 	// Too far to be wide, too near for r^2 - |l|^2 to know the small ones' gap: what is lost must not be seen.
 	const Scene scene = scene_named("extremes/small-on-large");
-	const RenderSettings settings = of_size(24, 18, 32, 50);
+	const RenderSettings settings = settings_of(24, 18, 32, 50);
 	const Film truth = oracle_of(scene, settings);
 	const PackedScene packed = packed_of(scene, settings);
 	CHECK(packed.wide.empty());
@@ -461,7 +435,7 @@ TEST_CASE("extreme: grazing", "[extremes]")
 {
 	// The limb goes through the middle of the picture, which spans r (1 +- 2^-k). A float cannot tell rays apart that
 	// pass within an ulp of r, 2^-23: beyond that no ray is misjudged.
-	const RenderSettings settings = of_size(32, 32, 2, 2);
+	const RenderSettings settings = settings_of(32, 32, 2, 2);
 	const auto limb = [](int k) {
 		Scene scene = scene_named("extremes/grazing");
 		scene.camera.vfov = degrees(std::ldexp(1.0, -k));
@@ -505,7 +479,7 @@ TEST_CASE("extreme: grazing", "[extremes]")
 
 TEST_CASE("extreme: ray origin on the surface, at the centre, inside", "[extremes]")
 {
-	const RenderSettings settings = of_size(12, 12, 4, 2);
+	const RenderSettings settings = settings_of(12, 12, 4, 2);
 	for (const TestDevice& device : test_devices()) {
 		bool good = true;
 		std::string outward = "; on the surface outward, share that meets it all the same:";
@@ -533,7 +507,7 @@ TEST_CASE("extreme: ray origin on the surface, at the centre, inside", "[extreme
 TEST_CASE("extreme: touching, overlapping, nested", "[extremes]")
 {
 	const Scene shells = scene_named("extremes/shells");
-	const RenderSettings settings = of_size(16, 12, 4, 50);
+	const RenderSettings settings = settings_of(16, 12, 4, 50);
 	for (const TestDevice& device : test_devices()) {
 		const std::int64_t leaks = lit_sums(film_of(shells, settings, device));
 		// Two spheres with a gap of 0, one ulp, 1e-7 r, and overlaps: their order in the file is not seen.
@@ -553,20 +527,20 @@ TEST_CASE("extreme: touching, overlapping, nested", "[extremes]")
 		std::string text = "share of light through a closed wall around glass:";
 		bool tight = true;
 		for (const double gap : {1e-2, 1e-4, 1e-6, 0x1p-22, 0x1p-23}) {
-			const double leak = mean_of(film_of(glass_in_wall(gap), of_size(16, 12, 32, 50), device));
+			const double leak = mean_of(film_of(glass_in_wall(gap), settings_of(16, 12, 32, 50), device));
 			tight = tight && (gap < 0x1p-20 || leak == 0);
 			text += fmt::format(" {:.4f} at {:.1e} r,", leak, gap);
 		}
 		text.pop_back();
 		judge("thin-gap", device.name, tight, text);
 	}
-	const double through = mean_of(trace_in_float(glass_in_wall(1e-4), of_size(16, 12, 32, 50)));
+	const double through = mean_of(trace_in_float(glass_in_wall(1e-4), settings_of(16, 12, 32, 50)));
 	judge("thin-gap", textbook, through > 0.01, fmt::format("{:.3f} of the light at 1e-4 r", through));
 }
 
 TEST_CASE("extreme: duplicate spheres", "[extremes]")
 {
-	const RenderSettings settings = of_size(12, 12, 4, 2);
+	const RenderSettings settings = settings_of(12, 12, 4, 2);
 	for (const TestDevice& device : test_devices()) {
 		Scene scene = scene_of(camera_of({0, 0, 5}, {0, 0, 0}, 10), 0, {lamp(1), lamp(0.5)},
 		                       {{{0, 0, 0}, 1, 0}, {{0, 0, 0}, 1, 1}});
@@ -582,7 +556,7 @@ TEST_CASE("extreme: duplicate spheres", "[extremes]")
 TEST_CASE("extreme: air bubble in glass", "[extremes]")
 {
 	const Scene scene = scene_named("extremes/bubble");
-	const RenderSettings settings = of_size(20, 15, 16, 2000);
+	const RenderSettings settings = settings_of(20, 15, 16, 2000);
 	for (const TestDevice& device : test_devices()) {
 		const double dark = samples_of(settings) - total_of(hits_of(film_of(scene, settings, device)));
 		judge("bubble", device.name, dark == 0,
@@ -594,7 +568,7 @@ TEST_CASE("extreme: air bubble in glass", "[extremes]")
 
 TEST_CASE("extreme: index 1", "[extremes]")
 {
-	const RenderSettings settings = of_size(20, 15, 32, 50), other = of_size(20, 15, 32, 50, 9);
+	const RenderSettings settings = settings_of(20, 15, 32, 50), other = settings_of(20, 15, 32, 50, 9);
 	Scene alone = scene_of(camera_of({0, 0, 3}, {0, 0, 0}, 60), 0, {glass(1)}, {{{0, 0, 0}, 1, 0}});
 	alone.sky = scene_named("extremes/tiny-far").sky;
 	Scene nothing = alone;
@@ -617,14 +591,14 @@ TEST_CASE("extreme: light trap", "[extremes]")
 	for (const TestDevice& device : test_devices()) {
 		bool dark = true, monotone = true;
 		for (const std::uint32_t depth : {1u, 10u, 100u, 1000u, 10000u}) {
-			const RenderSettings settings = of_size(8, 8, 1, depth);
+			const RenderSettings settings = settings_of(8, 8, 1, depth);
 			const Film film = film_of(trap, settings, device);
 			dark = dark && mean_of(film) == 0 && static_cast<double>(film.segments) == samples_of(settings) * depth;
 		}
 		double worst = 0;
 		std::vector<std::int64_t> fewer(256, 0);
 		for (const std::uint32_t depth : {1u, 2u, 3u, 4u, 6u, 10u, 100u, 10000u}) {
-			const RenderSettings settings = of_size(16, 16, 64, depth);
+			const RenderSettings settings = settings_of(16, 16, 64, depth);
 			const std::vector<std::int64_t> hits = hits_of(film_of(centre, settings, device));
 			for (std::size_t i = 0; i < hits.size(); ++i)
 				monotone = monotone && hits[i] >= fewer[i];
@@ -645,7 +619,7 @@ TEST_CASE("extreme: light trap", "[extremes]")
 TEST_CASE("extreme: critical angle", "[extremes]")
 {
 	const Scene scene = scene_named("extremes/critical-angle");
-	const RenderSettings settings = of_size(24, 18, 64, 2);
+	const RenderSettings settings = settings_of(24, 18, 64, 2);
 	const Film truth = oracle_of(scene, settings);
 	for (const TestDevice& device : test_devices()) {
 		const Film film = film_of(scene, settings, device);
@@ -725,7 +699,7 @@ TEST_CASE("extreme: Fresnel at the critical angle, head on and grazing", "[extre
 	judge("normal-incidence", host_kernels, head_on < 2e-7 && grazing < 1e-6,
 	      fmt::format("F off by {:.1e} at c = 1, by {:.1e} at c = 2^-24", head_on, grazing));
 	const Scene centre = scene_of(camera_of({0, 0, 0}, {0, 0, -1}, 40), 1, {glass(1.5)}, {{{0, 0, 0}, 1, 0}});
-	const RenderSettings settings = of_size(16, 16, 256, 2);
+	const RenderSettings settings = settings_of(16, 16, 256, 2);
 	for (const TestDevice& device : test_devices()) {
 		const double out = total_of(hits_of(film_of(centre, settings, device)));
 		const double z = binomial_z(out, samples_of(settings), 0.96);
@@ -739,14 +713,14 @@ TEST_CASE("extreme: Fresnel at the critical angle, head on and grazing", "[extre
 TEST_CASE("extreme: white furnace and closed emissive sphere", "[extremes]")
 {
 	const Scene furnace = scene_named("furnace"), closed = scene_named("closed");
-	const RenderSettings settings = of_size(20, 15, 16, 2000);
+	const RenderSettings settings = settings_of(20, 15, 16, 2000);
 	for (const TestDevice& device : test_devices()) {
 		const double dark = samples_of(settings) - total_of(hits_of(film_of(furnace, settings, device)));
 		judge("furnace", device.name, dark == 0,
 		      fmt::format("{:.0f} of {:.0f} samples are not exactly 1 (depth 2000)", dark, samples_of(settings)));
 		bool exact = true;
 		for (const std::uint32_t depth : {1u, 5u, 23u}) {
-			const Film film = film_of(closed, of_size(16, 12, 4, depth), device);
+			const Film film = film_of(closed, settings_of(16, 12, 4, depth), device);
 			const std::int64_t one = std::int64_t(1) << film.exponent();
 			for (const std::int64_t sum : film.sums())
 				exact = exact && sum == 4 * (one - (one >> depth));
@@ -758,7 +732,7 @@ TEST_CASE("extreme: white furnace and closed emissive sphere", "[extremes]")
 TEST_CASE("extreme: lamps from 1e-4 to 1e4, as bright as 1e-6 to 1e9", "[extremes]")
 {
 	const std::uint32_t samples = 1u << 14;
-	const RenderSettings settings = of_size(1, 1, samples, 4);
+	const RenderSettings settings = settings_of(1, 1, samples, 4);
 	for (const TestDevice& device : test_devices()) {
 		TestFamily family;
 		bool inside = true;
@@ -774,7 +748,7 @@ TEST_CASE("extreme: lamps from 1e-4 to 1e4, as bright as 1e-6 to 1e9", "[extreme
 			                       : 0);
 			const Scene within =
 			    scene_of(camera_of({0, 0, 0}, {0, 0, 1}, 40), 0, {lamp(brightness)}, {{{0, 0, 0}, r, 0}});
-			const double seen = mean_of(film_of(within, of_size(4, 4, 2, 2), device));
+			const double seen = mean_of(film_of(within, settings_of(4, 4, 2, 2), device));
 			inside = inside && std::fabs(seen / brightness - 1) < 1e-6;
 		}
 		judge("lamps", device.name, inside && family.p() > 1e-4,
@@ -835,7 +809,7 @@ TEST_CASE("extreme: poles and seam of a texture", "[extremes]")
 	texel.texels = {0x00ffffff}; // white: weight 1
 	Material painted = matte(1);
 	painted.texture = 0;
-	const RenderSettings settings = of_size(16, 16, 8, 2);
+	const RenderSettings settings = settings_of(16, 16, 8, 2);
 	for (const TestDevice& device : test_devices()) {
 		bool white = true;
 		std::string text;
@@ -931,13 +905,13 @@ TEST_CASE("extreme: sizes of images", "[extremes]")
 	Scene nothing = scene;
 	nothing.spheres.clear();
 	for (const TestDevice& device : test_devices()) {
-		bool good = mean_of(film_of(nothing, of_size(4, 4, 2, 5), device)) > 0.5;
-		good = good && film_of(scene, of_size(1, 1, 3, 50), device).pixels() == 1;
+		bool good = mean_of(film_of(nothing, settings_of(4, 4, 2, 5), device)) > 0.5;
+		good = good && film_of(scene, settings_of(1, 1, 3, 50), device).pixels() == 1;
 		// A corner of a huge image alone, and as part of a tile around it.
 		std::string text = "no sphere, 1x1; corners equal to those of a tile in";
 		for (const auto& [width, height] :
 		     {std::pair(1u, 16384u), std::pair(16384u, 16384u), std::pair(65535u, 65535u)}) {
-			const RenderSettings settings = of_size(width, height, 2, 50);
+			const RenderSettings settings = settings_of(width, height, 2, 50);
 			const std::uint32_t w = std::min(width, 3u), tile = std::min(width, 33u);
 			const Window small{width - w, height - 3, w, 3}, large{width - tile, height - 33, tile, 33};
 			const Film corner = render(packed_of(scene, settings, &small), device, {}, 2);
@@ -951,7 +925,7 @@ TEST_CASE("extreme: sizes of images", "[extremes]")
 		}
 		judge("sizes", device.name, good, text);
 	}
-	RenderSettings settings = of_size(1, 1, RT_MAX_SAMPLES, 5);
+	RenderSettings settings = settings_of(1, 1, RT_MAX_SAMPLES, 5);
 	CHECK(pack_scene(scene, settings, {0, 0, 1, 1}));
 	settings.samples = 1u << 24;
 	const bool refuses = !pack_scene(scene, settings, {0, 0, 1, 1});
@@ -964,9 +938,9 @@ TEST_CASE("extreme: the most samples, the brightest light, a million spheres", "
 	const Scene bright = scene_of(camera_of({0, 0, 0}, {0, 0, 1}, 40), 0, {lamp(1e9)}, {{{0, 0, 0}, 1, 0}});
 	const Result<SceneFile> cloud = open_scene("cloud-1048576");
 	REQUIRE(cloud);
-	const Film million = film_of(cloud->base, of_size(16, 12, 1, 20), reference_device());
+	const Film million = film_of(cloud->base, settings_of(16, 12, 1, 20), reference_device());
 	for (const TestDevice& device : test_devices()) {
-		const Film film = film_of(bright, of_size(1, 1, RT_MAX_SAMPLES, 2), device);
+		const Film film = film_of(bright, settings_of(1, 1, RT_MAX_SAMPLES, 2), device);
 		// 1e9 as a float, times a power of two, is an integer: so is every sample, and the sum is known.
 		const auto sample = static_cast<std::int64_t>(std::ldexp(1e9, film.exponent()));
 		const bool exact = film.sums()[0] == sample * std::int64_t(RT_MAX_SAMPLES);
@@ -974,7 +948,7 @@ TEST_CASE("extreme: the most samples, the brightest light, a million spheres", "
 		      fmt::format("2^22 samples of 1e9: the sum is {} of 2^63, {}",
 		                  fmt::format("{:.3f}", std::ldexp(static_cast<double>(film.sums()[0]), -63)),
 		                  exact ? "exact" : "WRONG"));
-		const bool same = film_of(cloud->base, of_size(16, 12, 1, 20), device).hash().hex() == million.hash().hex();
+		const bool same = film_of(cloud->base, settings_of(16, 12, 1, 20), device).hash().hex() == million.hash().hex();
 		judge("sizes-spheres", device.name, same, same ? "2^20 spheres: the film of the reference" : "films differ");
 	}
 }
@@ -984,7 +958,7 @@ TEST_CASE("extreme: long run", "[.large]")
 	// Every pixel expects 0.64; sample ranges that double are independent of each other.
 	const Scene centre = scene_of(camera_of({0, 0, 0}, {0, 0, -1}, 40), 1, {glass(4)}, {{{0, 0, 0}, 1, 0}});
 	for (const TestDevice& device : test_devices()) {
-		const PackedScene packed = packed_of(centre, of_size(8, 4, 1, 2));
+		const PackedScene packed = packed_of(centre, settings_of(8, 4, 1, 2));
 		double sum_x = 0, sum_y = 0, sum_xx = 0, sum_xy = 0, n = 0, last = 0;
 		for (int k = 4; k < 20; ++k) {
 			const std::uint32_t samples = 1u << k;
@@ -1043,9 +1017,9 @@ TEST_CASE("draw the pictures of docs/extremes.md", "[.pictures]")
 		const Scene scene = scene_named(std::string("extremes/") + name);
 		write_pair(name, scene, scene.render);
 	}
-	write_pair("lit-box", lit_box(), of_size(200, 150, 64, 50));
-	write_pair("thin-gap", glass_in_wall(1e-4), of_size(200, 150, 4, 50));
+	write_pair("lit-box", lit_box(), settings_of(200, 150, 64, 50));
+	write_pair("thin-gap", glass_in_wall(1e-4), settings_of(200, 150, 4, 50));
 	Scene scaled = scene_named("three-spheres");
 	scale_scene(scaled, 0x1p-9);
-	write_pair("scale", scaled, of_size(200, 150, 64, 50));
+	write_pair("scale", scaled, settings_of(200, 150, 64, 50));
 }

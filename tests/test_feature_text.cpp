@@ -1,6 +1,7 @@
 // A scene pays nothing for what it does not use: of a feature that is left out no word is left in the program, once the
 // preprocessor is through with it. What is under a condition that is constant (if (RT_HAS(...))) compilers delete.
 #include "tests/catch.h"
+#include "tests/run_command.h"
 
 #include "backends/kernel_text.h"
 #include "common/rt_features.h"
@@ -29,15 +30,10 @@ std::string code_with(std::uint32_t features)
 	const std::string command = "cc -E -P -undef -x c -D__OPENCL_VERSION__=120 -D__OPENCL_C_VERSION__=120 "
 	                            "-D__ENDIAN_LITTLE__=1 '" +
 	                            file + "'";
-	std::FILE* pipe = popen(command.c_str(), "r");
-	REQUIRE(pipe != nullptr);
-	std::string code;
-	char buffer[4096];
-	for (std::size_t count; (count = std::fread(buffer, 1, sizeof buffer, pipe)) > 0;)
-		code.append(buffer, count);
-	CHECK(pclose(pipe) == 0);
+	const Outcome outcome = run_command(command);
+	CHECK(outcome.status == 0);
 	(void)std::remove(file.c_str());
-	return std::regex_replace(code, std::regex("struct\\s*\\w*\\s*\\{[^}]*\\}"), "");
+	return std::regex_replace(outcome.out, std::regex("struct\\s*\\w*\\s*\\{[^}]*\\}"), "");
 }
 
 struct Feature {

@@ -8,6 +8,7 @@
 #include "render/scene_file.h"
 #include "render/session.h"
 #include "tests/catch.h"
+#include "tests/scene_builders.h"
 #include "tests/statistics.h"
 #include "tests/textbook_tracer.h"
 
@@ -57,39 +58,6 @@ Scene shipped(const std::string& name)
 	const auto file = load_scene_file(RT_SOURCE_DIR "/scenes/" + name + ".json");
 	REQUIRE(file);
 	return file->base;
-}
-
-RenderSettings settings_of(std::uint32_t width, std::uint32_t height, std::uint32_t samples, std::uint32_t max_depth,
-                           std::uint32_t seed = 0)
-{
-	RenderSettings settings;
-	settings.width = width;
-	settings.height = height;
-	settings.samples = samples;
-	settings.max_depth = max_depth;
-	settings.seed = seed;
-	return settings;
-}
-
-Material material_of(Material::Kind kind, double albedo, double emission = 0, double fuzz = 0)
-{
-	Material material;
-	material.kind = kind;
-	material.albedo = {albedo, albedo, albedo};
-	material.emission = {emission, emission, emission};
-	material.fuzz = fuzz;
-	return material;
-}
-
-Scene scene_of(const Camera& camera, double sky, std::vector<Material> materials, std::vector<Sphere> spheres)
-{
-	Scene scene;
-	scene.camera = camera;
-	scene.sky.kind = sky > 0 ? Sky::Kind::Constant : Sky::Kind::None;
-	scene.sky.bottom = {sky, sky, sky};
-	scene.materials = std::move(materials);
-	scene.spheres = std::move(spheres);
-	return scene;
 }
 
 // In a scene where each sample is 0 or `value` exactly: how many samples of a pixel were not 0. A sum that is no whole
@@ -229,7 +197,8 @@ TEST_CASE("fuzzy metal absorbs what an independent tracer says")
 	Camera camera;
 	camera.from = {0, 0, -4};
 	camera.vfov = 32;
-	Scene scene = scene_of(camera, 1, {material_of(Material::Kind::Metal, 1, 0, 0.7)}, {{{0, 0, 0}, 1, 0}});
+	Scene scene = scene_of(camera, 1, {material_of(Material::Kind::Metal, 1)}, {{{0, 0, 0}, 1, 0}});
+	scene.materials[0].fuzz = 0.7;
 	const TracedImage truth = trace_in_double(scene, settings_of(32, 32, 256, 50, 3));
 	const Film film = render(scene, settings_of(32, 32, 256, 50));
 	hits_of(film, 1.0); // each sample is 1 or absorbed

@@ -3,6 +3,7 @@
 #include "tests/catch.h"
 #include "tests/devices.h"
 #include "tests/faulty_device.h"
+#include "tests/run_command.h"
 
 #include "backends/kernel_text.h"
 #include "common/rt_contract.h"
@@ -20,22 +21,9 @@ namespace {
 
 // ---- the lint ----
 
-struct Outcome {
-	int status;
-	std::string output;
-};
-
 Outcome lint(const std::string& options)
 {
-	const std::string command = "python3 '" RT_SOURCE_DIR "/tools/lint_kernels.py' --text-only " + options + " 2>&1";
-	std::FILE* pipe = popen(command.c_str(), "r");
-	REQUIRE(pipe);
-	Outcome outcome;
-	char buffer[4096];
-	for (std::size_t got; (got = std::fread(buffer, 1, sizeof buffer, pipe)) > 0;)
-		outcome.output.append(buffer, got);
-	outcome.status = pclose(pipe);
-	return outcome;
+	return run_command("python3 '" RT_SOURCE_DIR "/tools/lint_kernels.py' --text-only " + options + " 2>&1");
 }
 
 // ---- seeds ----
@@ -110,12 +98,12 @@ TEST_CASE("rules 2 and 17: the lint finds nothing in the kernels, and each plant
 {
 	// The controls: operations, types and constants that the language does not have.
 	const Outcome planted = lint("--self-test");
-	INFO(planted.output);
+	INFO(planted.out);
 	CHECK(planted.status == 0);
 	const Outcome kernels = lint("");
-	INFO(kernels.output);
+	INFO(kernels.out);
 	CHECK(kernels.status == 0);
-	CHECK(kernels.output.find(" 0 findings") != std::string::npos);
+	CHECK(kernels.out.find(" 0 findings") != std::string::npos);
 }
 
 TEST_CASE("rule 2: seeds up to 4 ulp off change no film, and wrong ones do", "[rules]")

@@ -1,6 +1,7 @@
 // Speed against accuracy: errors from films whose errors are known, the front, the choice; and `rt tradeoff` itself,
 // small, tampered with and stopped. No test of a speed.
 #include "tests/catch.h"
+#include "tests/run_command.h"
 
 #include "render/scene_file.h"
 #include "render/tradeoff.h"
@@ -95,24 +96,11 @@ std::string file_text(const std::string& path)
 	return {std::istreambuf_iterator<char>(file), {}};
 }
 
-struct Outcome {
-	int status = -1;
-	std::string out;
-};
-
 Outcome run_rt(const Directory& directory, const std::string& arguments)
 {
 	const std::string command = "RT_CACHE_DIR='" + (directory / "cache") + "' '" RT_PROGRAM "' " + arguments + " 2>'" +
 	                            (directory / "errors") + "'";
-	std::FILE* pipe = popen(command.c_str(), "r");
-	REQUIRE(pipe != nullptr);
-	Outcome outcome;
-	char buffer[4096];
-	for (std::size_t count; (count = std::fread(buffer, 1, sizeof buffer, pipe)) > 0;)
-		outcome.out.append(buffer, count);
-	const int status = pclose(pipe);
-	outcome.status = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-	return outcome;
+	return run_command(command);
 }
 
 Json tradeoff(const Directory& directory, const std::string& more = "", int reference = 256)

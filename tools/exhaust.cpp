@@ -343,8 +343,9 @@ std::string list_functions()
 	return format_table(rows);
 }
 
-Result<int> run(const Wanted& wanted)
+Result<int> run(int argc, char** argv)
 {
+	RT_TRY_ASSIGN(const Wanted wanted, read_arguments(argc, argv));
 	if (wanted.help || wanted.list) {
 		print_result(wanted.help ? usage : list_functions());
 		return 0;
@@ -359,15 +360,4 @@ Result<int> run(const Wanted& wanted)
 } // namespace
 } // namespace rt
 
-int main(int argc, char** argv)
-{
-	const rt::Result<rt::Wanted> wanted = rt::read_arguments(argc, argv);
-	if (!wanted)
-		return rt::report_error(wanted.error());
-	const rt::Result<int> status = rt::run(*wanted);
-	if (!status)
-		return rt::report_error(status.error());
-	if (const rt::Status flushed = rt::flush_results(); !flushed)
-		return rt::report_error(flushed.error());
-	return *status;
-}
+int main(int argc, char** argv) { return rt::end_program(rt::run(argc, argv)); }

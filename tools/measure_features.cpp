@@ -12,18 +12,14 @@
 // The time of one more feature says what it would cost to leave it in: a scene's own program has none of it, which
 // tests/test_feature_text.cpp holds.
 #include "backends/program_cache.h"
-#include "backends/registry.h"
-#include "backends/self_test.h"
 #include "common/rt_features.h"
 #include "render/scene_file.h"
 #include "render/session.h"
 #include "support/files.h"
+#include "tools/measuring.h"
 #include "tools/ptxas_use.h"
-#include "tools/render_stats.h"
 #include "tools/report.h"
-#include "version.h"
 
-#include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -42,47 +38,24 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-struct Wanted {
-	std::vector<std::string> scenes;
-	DeviceRequest device;
-	std::uint32_t width = 160, height = 90, samples = 16, rounds = 9;
+struct Wanted : MeasuringOptions {
+	Wanted()
+	{
+		width = 160;
+		height = 90;
+		samples = 16;
+		rounds = 9;
+	}
 	int capability = 90;
-	std::string json;
 };
 
 Result<Wanted> read_arguments(int argc, char** argv)
 {
 	Wanted wanted;
-	for (int i = 1; i < argc; ++i) {
-		const std::string name = argv[i];
-		if (name.rfind("--", 0) != 0) {
-			wanted.scenes.push_back(name);
-			continue;
-		}
-		const char* value = i + 1 < argc ? argv[++i] : "";
-		bool good = *value != '\0';
-		if (name == "--device")
-			wanted.device.device = value;
-		else if (name == "--backend")
-			wanted.device.backend = value;
-		else if (name == "--size")
-			good = std::sscanf(value, "%ux%u", &wanted.width, &wanted.height) == 2;
-		else if (name == "--spp")
-			good = std::sscanf(value, "%u", &wanted.samples) == 1;
-		else if (name == "--rounds")
-			good = std::sscanf(value, "%u", &wanted.rounds) == 1 && wanted.rounds > 0;
-		else if (name == "--sm")
-			good = std::sscanf(value, "%d", &wanted.capability) == 1;
-		else if (name == "--json")
-			wanted.json = value;
-		else
-			good = false;
-		if (!good)
-			return Error{ErrorKind::Usage, fmt::format("{} '{}' is not understood", name, value), "command line",
-			             "the head of tools/measure_features.cpp lists the options", ""};
-	}
-	if (wanted.scenes.empty())
-		wanted.scenes = {"three-spheres"};
+	const auto own = [&wanted](const std::string& name, const char* value) {
+		return name == "--sm" && std::sscanf(value, "%d", &wanted.capability) == 1;
+	};
+	RT_TRY(read_measuring_options(argc, argv, "tools/measure_features.cpp", own, wanted));
 	return wanted;
 }
 
@@ -110,17 +83,17 @@ public:
 		std::uint64_t objects = 0, binaries = 0;
 		std::error_code error;
 		for (std::filesystem::recursive_directory_iterator at(path_, error), end; !error && at != end;
-		     at.increment(error))
-			if (at->is_regular_file(error))
-				(at->path().extension() == ".so"    ? objects
-				 : at->path().extension() == ".bin" ? binaries
-				                                    : ignored_) += at->file_size(error);
+		     at.increment(error)) {
+			if (at->path().extension() == ".so" && at->is_regular_file(error))
+				objects += at->file_size(error);
+			else if (at->path().extension() == ".bin" && at->is_regular_file(error))
+				binaries += at->file_size(error);
+		}
 		return objects > 0 ? objects : binaries;
 	}
 
 private:
 	std::filesystem::path path_;
-	mutable std::uint64_t ignored_ = 0;
 };
 
 struct Candidate {
@@ -326,46 +299,32 @@ private:
 	std::optional<Hash128> hash_;
 };
 
-Status run(const Wanted& wanted)
+Result<int> run(int argc, char** argv)
 {
+	RT_TRY_ASSIGN(const Wanted wanted, read_arguments(argc, argv));
 	const Scratch scratch;
 	// Before a driver is loaded: what was built before must not be found.
 	setenv("RT_CACHE_DIR", scratch.path().c_str(), 1);
 	setenv("POCL_CACHE_DIR", (scratch.path() / "pocl").c_str(), 1);
 	setenv("CUDA_CACHE_DISABLE", "1", 1);
-	RT_TRY_ASSIGN(const std::vector<DeviceInfo> chosen, select_devices(wanted.device, enumerate_all()));
-	RT_TRY_ASSIGN(const DeviceHandle device, open_device(chosen.front()));
-	RT_TRY_ASSIGN(const SelfTestReport tested, self_test(device));
+	RT_TRY_ASSIGN(const MeasuredDevice device, open_measured_device(wanted.device));
 	Json scenes = Json::array();
 	for (const std::string& scene : wanted.scenes) {
-		RT_TRY_ASSIGN(Json json, Measuring(wanted, scratch, device, tested.needs_software_roots).run(scene));
+		RT_TRY_ASSIGN(Json json, Measuring(wanted, scratch, device.handle, device.software_roots).run(scene));
 		scenes.push_back(std::move(json));
 	}
 	if (wanted.json.empty())
-		return success();
+		return 0;
 	const auto& nvrtc = Nvrtc::load();
-	const Json all = {{"version", RT_VERSION},
-	                  {"revision", RT_REVISION},
-	                  {"date", fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(std::time(nullptr)))},
-	                  {"device", device_json(device->info())},
-	                  {"nvrtc", nvrtc && wanted.capability != 0 ? Json(nvrtc.value()->version()) : Json()},
-	                  {"capability", wanted.capability},
-	                  {"width", wanted.width},
-	                  {"height", wanted.height},
-	                  {"samples", wanted.samples},
-	                  {"rounds", wanted.rounds},
-	                  {"feature_scenes", scenes}};
-	return write_file(wanted.json, to_text(all));
+	Json all = measuring_head(wanted, device.handle->info());
+	all["nvrtc"] = nvrtc && wanted.capability != 0 ? Json(nvrtc.value()->version()) : Json();
+	all["capability"] = wanted.capability;
+	all["feature_scenes"] = scenes;
+	RT_TRY(write_file(wanted.json, to_text(all)));
+	return 0;
 }
 
 } // namespace
 } // namespace rt
 
-int main(int argc, char** argv)
-{
-	const rt::Result<rt::Wanted> wanted = rt::read_arguments(argc, argv);
-	if (!wanted)
-		return rt::report_error(wanted.error());
-	const rt::Status done = rt::run(*wanted);
-	return done ? 0 : rt::report_error(done.error());
-}
+int main(int argc, char** argv) { return rt::end_program(rt::run(argc, argv)); }

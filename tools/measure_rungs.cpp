@@ -12,17 +12,13 @@
 // scatter is paths that a last bit sends another way. Error and FLIP are against a converged image in double of other
 // random numbers, as `rt tradeoff` has them: they say whether the difference between the rungs is seen beside the
 // noise.
-#include "backends/registry.h"
-#include "backends/self_test.h"
 #include "render/scene_file.h"
 #include "render/session.h"
 #include "render/tradeoff.h"
 #include "support/files.h"
-#include "tools/render_stats.h"
+#include "tools/measuring.h"
 #include "tools/report.h"
-#include "version.h"
 
-#include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -50,11 +46,15 @@ struct Rung {
 	Film film;
 };
 
-struct Wanted {
-	std::vector<std::string> scenes;
-	DeviceRequest device;
-	std::uint32_t width = 320, height = 180, samples = 16, rounds = 5;
-	std::string against = "exact", json;
+struct Wanted : MeasuringOptions {
+	Wanted()
+	{
+		width = 320;
+		height = 180;
+		samples = 16;
+		rounds = 5;
+	}
+	std::string against = "exact";
 };
 
 // ---- a scene for each feature ---------------------------------------------------------------------------------------
@@ -143,46 +143,23 @@ Result<Scene> scene_named(const std::string& name)
 	return file.at_frame(0);
 }
 
-// ---- the command line
-// ------------------------------------------------------------------------------------------------
+// ---- the command line -----------------------------------------------------------------------------------------------
 
 Result<Wanted> read_arguments(int argc, char** argv)
 {
 	Wanted wanted;
-	for (int i = 1; i < argc; ++i) {
-		const std::string name = argv[i];
-		if (name.rfind("--", 0) != 0) {
-			if (name == "features")
-				wanted.scenes.insert(wanted.scenes.end(), feature_scenes.begin(), feature_scenes.end());
-			else
-				wanted.scenes.push_back(name);
-			continue;
-		}
-		const char* value = i + 1 < argc ? argv[++i] : "";
-		bool good = *value != '\0';
-		if (name == "--device")
-			wanted.device.device = value;
-		else if (name == "--backend")
-			wanted.device.backend = value;
-		else if (name == "--size")
-			good = std::sscanf(value, "%ux%u", &wanted.width, &wanted.height) == 2;
-		else if (name == "--spp")
-			good = std::sscanf(value, "%u", &wanted.samples) == 1;
-		else if (name == "--rounds")
-			good = std::sscanf(value, "%u", &wanted.rounds) == 1;
-		else if (name == "--json")
-			wanted.json = value;
-		else if (name == "--against") {
-			wanted.against = value;
-			good = wanted.against == "exact" || wanted.against == "double";
-		} else
-			good = false;
-		if (!good)
-			return Error{ErrorKind::Usage, fmt::format("{} '{}' is not understood", name, value), "command line",
-			             "the head of tools/measure_rungs.cpp lists the options", ""};
-	}
-	if (wanted.scenes.empty())
-		wanted.scenes = {"three-spheres"};
+	const auto own = [&wanted](const std::string& name, const char* value) {
+		wanted.against = value;
+		return name == "--against" && (wanted.against == "exact" || wanted.against == "double");
+	};
+	RT_TRY(read_measuring_options(argc, argv, "tools/measure_rungs.cpp", own, wanted));
+	std::vector<std::string> scenes;
+	for (const std::string& name : wanted.scenes)
+		if (name == "features")
+			scenes.insert(scenes.end(), feature_scenes.begin(), feature_scenes.end());
+		else
+			scenes.push_back(name);
+	wanted.scenes = std::move(scenes);
 	return wanted;
 }
 
@@ -387,40 +364,26 @@ private:
 	RenderSettings settings_;
 };
 
-Status run(const Wanted& wanted)
+Result<int> run(int argc, char** argv)
 {
-	RT_TRY_ASSIGN(const std::vector<DeviceInfo> chosen, select_devices(wanted.device, enumerate_all()));
-	RT_TRY_ASSIGN(const DeviceHandle device, open_device(chosen.front()));
-	RT_TRY_ASSIGN(const SelfTestReport tested, self_test(device));
-	Measuring measuring(wanted, device, tested.needs_software_roots);
+	RT_TRY_ASSIGN(const Wanted wanted, read_arguments(argc, argv));
+	RT_TRY_ASSIGN(const MeasuredDevice device, open_measured_device(wanted.device));
+	Measuring measuring(wanted, device.handle, device.software_roots);
 	Json scenes = Json::array();
 	for (const std::string& scene : wanted.scenes) {
 		RT_TRY_ASSIGN(Json json, measuring.run(scene));
 		scenes.push_back(std::move(json));
 	}
 	if (wanted.json.empty())
-		return success();
-	const Json all = {{"version", RT_VERSION},
-	                  {"revision", RT_REVISION},
-	                  {"date", fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(std::time(nullptr)))},
-	                  {"device", device_json(device->info())},
-	                  {"width", wanted.width},
-	                  {"height", wanted.height},
-	                  {"samples", wanted.samples},
-	                  {"rounds", wanted.rounds},
-	                  {"ulp_bins", bin_names},
-	                  {"rung_scenes", scenes}};
-	return write_file(wanted.json, to_text(all));
+		return 0;
+	Json all = measuring_head(wanted, device.handle->info());
+	all["ulp_bins"] = bin_names;
+	all["rung_scenes"] = scenes;
+	RT_TRY(write_file(wanted.json, to_text(all)));
+	return 0;
 }
 
 } // namespace
 } // namespace rt
 
-int main(int argc, char** argv)
-{
-	const rt::Result<rt::Wanted> wanted = rt::read_arguments(argc, argv);
-	if (!wanted)
-		return rt::report_error(wanted.error());
-	const rt::Status done = rt::run(*wanted);
-	return done ? 0 : rt::report_error(done.error());
-}
+int main(int argc, char** argv) { return rt::end_program(rt::run(argc, argv)); }

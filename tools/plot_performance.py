@@ -22,10 +22,7 @@ import re
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-RESULTS = ROOT / "docs/performance.json"
-PAGE = ROOT / "docs/performance.md"
-IMAGES = ROOT / "docs/images"
+from results_page import IMAGES, check, keep, load, picked, pyplot_of_house, replace, save
 
 SWEEPS = {
     "pixels": "pixels of the image",
@@ -40,8 +37,8 @@ POINT_KEYS = ("x", "scene", "spheres", "width", "height", "samples", "max_depth"
 BENCH_KEYS = ("scene", "spheres", "width", "height", "samples", "max_depth", "load_seconds", "pack_seconds", "first",
               "phases", "render_seconds", "samples_per_second", "segments_per_second", "segments_rendered", "launches",
               "lanes", "bvh", "build", "model", "peak", "film_hash", "seconds")
-KINDS = {"peers": [], "sweeps": [], "benches": [], "rungs": [], "crossovers": [], "means": [], "profiles": [],
-         "steps": []}  # steps are written by hand: what, before, after, where, date
+# Steps are written by hand: what, before, after, where, date.
+KINDS = ("peers", "sweeps", "benches", "rungs", "crossovers", "means", "profiles", "steps")
 # What is said of a profiled launch: Nsight Compute's name, ours, and the unit.
 METRICS = (("Duration", "duration", " us"), ("Executed Instructions", "warp instructions", ""),
            ("Issue Slots Busy", "issue slots busy", " %"),
@@ -59,18 +56,8 @@ FACTS = ("version", "revision", "contract", "precision", "date", "threads", "rep
 # ---- results --------------------------------------------------------------------------------------------------------
 
 
-def load_results():
-    if not RESULTS.exists():
-        return dict(KINDS)
-    return {**KINDS, **json.loads(RESULTS.read_text())}
-
-
 def device_of(document):
     return {key: document["device"][key] for key in ("backend", "name", "driver", "compute_units")}
-
-
-def picked(document, keys):
-    return {key: document[key] for key in keys if key in document}
 
 
 def add(results, document, path):
@@ -136,10 +123,6 @@ def add_profile(results, path, date, device, what):
     replace(results["profiles"], {"date": date, "device": device, "what": what, "metrics": metrics},
             lambda other: (other["device"], other["what"]))
 
-
-def replace(entries, entry, key):
-    entries[:] = [other for other in entries if key(other) != key(entry)] + [entry]
-    entries.sort(key=lambda other: tuple(map(str, key(other))))
 
 
 # ---- targets --------------------------------------------------------------------------------------------------------
@@ -547,10 +530,7 @@ def page(results):
 
 
 def plot(results):
-    import matplotlib
-    matplotlib.use("Agg")
-    matplotlib.rcParams.update({"svg.hashsalt": "rt", "svg.fonttype": "none", "font.size": 9})
-    from matplotlib import pyplot
+    pyplot = pyplot_of_house()
     for of, label in SWEEPS.items():
         path = IMAGES / f"scaling-{of}.svg"
         sweeps = [sweep for sweep in results["sweeps"] if sweep["of"] == of]
@@ -567,8 +547,7 @@ def plot(results):
         axes.set_ylabel("seconds")
         axes.grid(True, which="major", linewidth=0.3)
         axes.legend(fontsize=7, frameon=False)
-        figure.savefig(path, metadata={"Date": None})
-        pyplot.close(figure)
+        save(pyplot, figure, path)
 
 
 def main():
@@ -578,11 +557,9 @@ def main():
     parser.add_argument("--profile", nargs=4, metavar=("FILE", "DATE", "DEVICE", "WHAT"), help="a profile to take up")
     parser.add_argument("--check", action="store_true", help="only compare the page with the results")
     options = parser.parse_args()
-    results = load_results()
+    results = load("performance", KINDS)
     if options.check:
-        if PAGE.read_text() != page(results):
-            sys.exit("plot_performance: docs/performance.md is not what docs/performance.json says: run "
-                     "tools/plot_performance.py")
+        check("performance", page(results))
         return
     for path in options.add:
         text = Path(path).read_text()
@@ -592,8 +569,7 @@ def main():
             add_rungs(results, text, path, options.date)
     if options.profile:
         add_profile(results, *options.profile)
-    RESULTS.write_text(json.dumps(results, indent="\t") + "\n")
-    PAGE.write_text(page(results))
+    keep("performance", results, page(results))
     plot(results)
 
 

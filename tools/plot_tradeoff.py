@@ -17,10 +17,7 @@ import math
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-RESULTS = ROOT / "docs/tradeoff.json"
-PAGE = ROOT / "docs/tradeoff.md"
-IMAGES = ROOT / "docs/images"
+from results_page import IMAGES, check, keep, load, picked, pyplot_of_house, replace, save
 
 
 # ---- results --------------------------------------------------------------------------------------------------------
@@ -55,14 +52,6 @@ def device_text(device):
 # ---- plots ----------------------------------------------------------------------------------------------------------
 
 
-def pyplot_of_house():
-    import matplotlib
-    matplotlib.use("Agg")
-    matplotlib.rcParams.update({"svg.hashsalt": "rt", "svg.fonttype": "none", "font.size": 9})
-    from matplotlib import pyplot
-    return pyplot
-
-
 def plot(result, path):
     pyplot = pyplot_of_house()
     figure, axes = pyplot.subplots(figsize=(7.2, 4.2), layout="constrained")
@@ -85,8 +74,7 @@ def plot(result, path):
                    else result["scene"], fontsize=9)
     axes.grid(True, which="major", linewidth=0.3)
     axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=7, frameon=False)
-    figure.savefig(path, metadata={"Date": None} if str(path).endswith(".svg") else None)
-    pyplot.close(figure)
+    save(pyplot, figure, path)
 
 
 # ---- results, kept --------------------------------------------------------------------------------------------------
@@ -99,16 +87,6 @@ DEVICE_KEYS = ("backend", "name", "driver", "compute_units")
 POINT_KEYS = ("device", "precision", "sampler", "estimator", "roulette", "samples", "seconds", "most_seconds", "repeats",
               "rmse", "rel_mse", "rel_rmse", "is_bound", "rel_mse_trimmed", "flip", "bias", "on_front", "film_hash")
 FACTS = ("version", "revision", "contract", "date", "threads", "note")
-
-
-def load_results():
-    if not RESULTS.exists():
-        return {"tradeoffs": [], "rungs": [], "features": []}
-    return json.loads(RESULTS.read_text())
-
-
-def picked(document, keys):
-    return {key: document[key] for key in keys if key in document}
 
 
 def add(results, document, path):
@@ -134,11 +112,6 @@ def add(results, document, path):
                                                                other["scene"]))
     else:
         sys.exit(f"plot_tradeoff: {path} is no result of rt tradeoff, rt_measure_rungs or rt_measure_features")
-
-
-def replace(entries, entry, key):
-    entries[:] = [other for other in entries if key(other) != key(entry)] + [entry]
-    entries.sort(key=lambda other: tuple(map(str, key(other))))
 
 
 # ---- the page -------------------------------------------------------------------------------------------------------
@@ -443,15 +416,13 @@ def main():
     if options.result:
         plot(json.loads(Path(options.result).read_text()), options.output)
         return
-    results = load_results()
+    results = load("tradeoff", ("tradeoffs", "rungs", "features"))
     if options.check:
-        if PAGE.read_text() != page(results):
-            sys.exit("plot_tradeoff: docs/tradeoff.md is not what docs/tradeoff.json says: run tools/plot_tradeoff.py")
+        check("tradeoff", page(results))
         return
     for path in options.add:
         add(results, json.loads(Path(path).read_text()), path)
-    RESULTS.write_text(json.dumps(results, indent="\t") + "\n")
-    PAGE.write_text(page(results))
+    keep("tradeoff", results, page(results))
     for result in results["tradeoffs"]:
         plot(result, IMAGES / plot_name(result))
 

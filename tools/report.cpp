@@ -49,6 +49,15 @@ std::size_t columns_of(std::string_view text)
 
 } // namespace
 
+int end_program(const Result<int>& status)
+{
+	if (!status)
+		return report_error(status.error());
+	if (const Status flushed = flush_results(); !flushed)
+		return report_error(flushed.error());
+	return *status;
+}
+
 bool has_terminal(std::FILE* stream)
 {
 	const char* term = std::getenv("TERM");

@@ -29,6 +29,9 @@ void print_message(std::string_view text);
 void print_result(std::string_view text);
 Status flush_results();
 
+// The last line of a main(): tells an error, also one of writing the results; the exit status.
+int end_program(const Result<int>& status);
+
 // Whether escape sequences may be written to this stream.
 bool has_terminal(std::FILE* stream);
 bool has_colour(std::FILE* stream);

@@ -59,10 +59,7 @@ rt::Result<int> exit_status_of(const rt::ReproduceOptions& options) { return rt:
 rt::Result<int> run(int argc, const char* const* argv)
 {
 	RT_TRY_ASSIGN(const rt::CommandLine command_line, rt::parse_command_line(argc, argv));
-	RT_TRY_ASSIGN(const int status,
-	              std::visit([](const auto& options) { return exit_status_of(options); }, command_line));
-	RT_TRY(rt::flush_results());
-	return status;
+	return std::visit([](const auto& options) { return exit_status_of(options); }, command_line);
 }
 
 rt::Error unexpected(const char* what)
@@ -79,8 +76,7 @@ int main(int argc, char** argv)
 	// Scenes are read and rounded in it too (contract rule 18).
 	const rt::ContractFloatEnvironment environment;
 	try {
-		const rt::Result<int> status = run(argc, argv);
-		return status ? *status : rt::report_error(status.error());
+		return rt::end_program(run(argc, argv));
 	} catch (const std::bad_alloc&) {
 		return rt::report_error({rt::ErrorKind::Memory, "the machine's memory does not suffice", "",
 		                         "render a smaller image, a part of it with --crop, or a scene with fewer spheres",

@@ -1,8 +1,7 @@
 // The display's 8-bit codes of every radiance in [0, 2] (rule 19), by each transfer, against thresholds taken from the
 // transfers' formulas in long double.
 #include "render/display.h"
-#include "support/thread_pool.h"
-#include "verify/exhaustive.h"
+#include "verify/exhaustive_host.h"
 
 #include <fmt/format.h>
 
@@ -10,13 +9,10 @@
 #include <array>
 #include <cmath>
 #include <cstring>
-#include <mutex>
 
 namespace rt {
 namespace {
 
-constexpr std::uint32_t display_piece = 1u << 14;
-constexpr std::uint64_t display_chunk = 1u << 22;
 constexpr Transfer transfers[] = {Transfer::Srgb, Transfer::Gamma2, Transfer::Linear};
 
 // The radiance that is encoded to `code`.
@@ -45,9 +41,7 @@ void advance_display(ExhaustiveResult& result)
 {
 	static const std::array<std::array<std::int64_t, 255>, 3> edges = {
 	    edges_of(Transfer::Srgb), edges_of(Transfer::Gamma2), edges_of(Transfer::Linear)};
-	const std::uint64_t count = std::min(display_chunk, result.total - result.done);
-	std::mutex mutex;
-	parallel_for(count, display_piece, [&](std::uint64_t begin, std::uint64_t end) {
+	advance_on_host(result, [&result](std::uint64_t begin, std::uint64_t end) {
 		// A film of three inputs a pixel; of the last pixel some may be nobody's.
 		const auto pixels = static_cast<std::uint32_t>((end - begin + 2) / 3);
 		Film film(pixels, 1, Window{0, 0, pixels, 1}, 40);
@@ -58,24 +52,18 @@ void advance_display(ExhaustiveResult& result)
 			film.sums()[i - begin] = std::llrint(static_cast<double>(radiance) * 0x1p40);
 		}
 		std::fill(film.samples().begin(), film.samples().end(), 1u);
-		std::uint64_t wrong = 0;
-		std::string first_failure;
+		HostFindings found;
 		for (std::size_t t = 0; t < 3; ++t) {
 			const std::vector<std::uint8_t> codes = to_8bit(film, {transfers[t], 0});
 			for (std::size_t i = 0; i < end - begin; ++i) {
 				const auto want = std::upper_bound(edges[t].begin(), edges[t].end(), film.sums()[i]) - edges[t].begin();
-				if (codes[i] != want && wrong++ == 0)
-					first_failure = fmt::format("{} of {} 2^-40 gave {}, the formula says {}",
-					                            transfer_name(transfers[t]), film.sums()[i], codes[i], want);
+				if (codes[i] != want && found.wrong++ == 0)
+					found.first_failure = fmt::format("{} of {} 2^-40 gave {}, the formula says {}",
+					                                  transfer_name(transfers[t]), film.sums()[i], codes[i], want);
 			}
 		}
-		const std::lock_guard lock(mutex);
-		result.failures += wrong;
-		if (result.first_failure.empty())
-			result.first_failure = first_failure;
+		return found;
 	});
-	result.done += count;
-	result.tried += count;
 }
 
 } // namespace rt

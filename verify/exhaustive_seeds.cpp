@@ -25,24 +25,17 @@ float rt_seed_rcp(float x)
 
 #include "kernels/math.h"
 
-#include "support/thread_pool.h"
-#include "verify/exhaustive.h"
+#include "verify/exhaustive_host.h"
 
 #include <fmt/format.h>
-
-#include <algorithm>
-#include <mutex>
 
 namespace rt {
 
 void advance_seeds(ExhaustiveResult& result)
 {
 	constexpr std::uint32_t mantissas = 3u << 23; // roots of [1, 4), reciprocals of [1, 2)
-	const std::uint64_t count = std::min<std::uint64_t>(1u << 22, result.total - result.done);
-	std::mutex mutex;
-	parallel_for(count, 1u << 14, [&](std::uint64_t begin, std::uint64_t end) {
-		std::uint64_t wrong = 0;
-		std::string first_failure;
+	advance_on_host(result, [&result](std::uint64_t begin, std::uint64_t end) {
+		HostFindings found;
 		for (std::uint64_t i = begin; i < end; ++i) {
 			const std::uint64_t input = (result.done + i) * result.stride;
 			const auto mantissa = static_cast<std::uint32_t>(input % mantissas);
@@ -52,18 +45,13 @@ void advance_seeds(ExhaustiveResult& result)
 			const double exact = static_cast<double>(x);
 			const float ours = is_root ? rt_root(x) : rt_rcp(x);
 			const auto want = static_cast<float>(is_root ? std::sqrt(exact) : 1 / exact);
-			if (rt_bits(ours) != rt_bits(want) && wrong++ == 0)
-				first_failure =
+			if (rt_bits(ours) != rt_bits(want) && found.wrong++ == 0)
+				found.first_failure =
 				    fmt::format("the {} of {:08x} from a seed {} floats off gave {:08x}, the contract says {:08x}",
 				                is_root ? "root" : "reciprocal", rt_bits(x), seed_offset, rt_bits(ours), rt_bits(want));
 		}
-		const std::lock_guard lock(mutex);
-		result.failures += wrong;
-		if (result.first_failure.empty())
-			result.first_failure = first_failure;
+		return found;
 	});
-	result.done += count;
-	result.tried += count;
 }
 
 } // namespace rt

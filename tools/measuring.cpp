@@ -1,0 +1,70 @@
+#include "tools/measuring.h"
+
+#include "backends/self_test.h"
+#include "tools/render_stats.h"
+#include "version.h"
+
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include <cstdio>
+#include <ctime>
+
+namespace rt {
+
+Status read_measuring_options(int argc, char** argv, const char* source, const OwnOption& own,
+                              MeasuringOptions& options)
+{
+	for (int i = 1; i < argc; ++i) {
+		const std::string name = argv[i];
+		if (name.rfind("--", 0) != 0) {
+			options.scenes.push_back(name);
+			continue;
+		}
+		const char* value = i + 1 < argc ? argv[++i] : "";
+		bool good = *value != '\0';
+		if (name == "--device")
+			options.device.device = value;
+		else if (name == "--backend")
+			options.device.backend = value;
+		else if (name == "--size")
+			good = std::sscanf(value, "%ux%u", &options.width, &options.height) == 2;
+		else if (name == "--spp")
+			good = std::sscanf(value, "%u", &options.samples) == 1;
+		else if (name == "--rounds")
+			good = std::sscanf(value, "%u", &options.rounds) == 1 && options.rounds > 0;
+		else if (name == "--json")
+			options.json = value;
+		else
+			good = good && own(name, value);
+		if (!good)
+			return Error{ErrorKind::Usage, fmt::format("{} '{}' is not understood", name, value), "command line",
+			             fmt::format("the head of {} lists the options", source), ""};
+	}
+	if (options.scenes.empty())
+		options.scenes = {"three-spheres"};
+	return success();
+}
+
+Result<MeasuredDevice> open_measured_device(const DeviceRequest& request)
+{
+	RT_TRY_ASSIGN(const std::vector<DeviceInfo> chosen, select_devices(request, enumerate_all()));
+	RT_TRY_ASSIGN(DeviceHandle device, open_device(chosen.front()));
+	RT_TRY_ASSIGN(const SelfTestReport tested, self_test(device));
+	return MeasuredDevice{std::move(device), tested.needs_software_roots};
+}
+
+nlohmann::ordered_json measuring_head(const MeasuringOptions& options, const DeviceInfo& info)
+{
+	return {{"version", RT_VERSION},
+	        {"revision", RT_REVISION},
+	        {"date", fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(std::time(nullptr)))},
+	        {"device", device_json(info)},
+	        {"width", options.width},
+	        {"height", options.height},
+	        {"samples", options.samples},
+	        {"rounds", options.rounds}};
+}
+
+} // namespace rt

@@ -1,0 +1,49 @@
+"""What the scripts have in common that make a page of docs/ and its plots from a file of results."""
+
+import json
+import sys
+from pathlib import Path
+
+DOCS = Path(__file__).resolve().parent.parent / "docs"
+IMAGES = DOCS / "images"
+
+
+def load(name, kinds):
+    """The results of docs/NAME.json: a list for each kind, empty where there are none yet."""
+    path = DOCS / f"{name}.json"
+    return {kind: [] for kind in kinds} | (json.loads(path.read_text()) if path.exists() else {})
+
+
+def keep(name, results, page):
+    (DOCS / f"{name}.json").write_text(json.dumps(results, indent="\t") + "\n")
+    (DOCS / f"{name}.md").write_text(page)
+
+
+def check(name, page):
+    """Ends the script unless the page is what its results make."""
+    if (DOCS / f"{name}.md").read_text() != page:
+        sys.exit(f"docs/{name}.md is not what docs/{name}.json says: run tools/plot_{name}.py")
+
+
+def picked(document, keys):
+    return {key: document[key] for key in keys if key in document}
+
+
+def replace(entries, entry, key):
+    """Puts the entry in the place of the older one with its key."""
+    entries[:] = [other for other in entries if key(other) != key(entry)] + [entry]
+    entries.sort(key=lambda other: tuple(map(str, key(other))))
+
+
+def pyplot_of_house():
+    import matplotlib
+    matplotlib.use("Agg")
+    matplotlib.rcParams.update({"svg.hashsalt": "rt", "svg.fonttype": "none", "font.size": 9})
+    from matplotlib import pyplot
+    return pyplot
+
+
+def save(pyplot, figure, path):
+    """Without a date, so that the same results give the same file."""
+    figure.savefig(path, metadata={"Date": None} if str(path).endswith(".svg") else None)
+    pyplot.close(figure)

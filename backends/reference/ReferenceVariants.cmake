@@ -51,7 +51,7 @@ function(rt_reference_variant name lanes features instruction_set)
   # in any other: they are the text of the generic ones, and so one build shows both the text's faults and the films of
   # this compiler's optimised code.
   if(CMAKE_CXX_FLAGS MATCHES "-fsanitize" AND
-     (contracted OR NOT features STREQUAL "0x1fffu" OR NOT "${lanes}" MATCHES "^(1|${RT_FAST_LANES})$"))
+     (contracted OR NOT features STREQUAL RT_ALL OR NOT "${lanes}" MATCHES "^(1|${RT_FAST_LANES})$"))
     target_compile_options(${target} PRIVATE -fno-sanitize=all)
   endif()
   if(instruction_set)

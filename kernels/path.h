@@ -286,7 +286,8 @@ RT_FN rt_vec3 rt_gather_aimed(rt_scene_view view, rt_path path, rt_mask mask)
 {
 	rt_ray ray = path.ray;
 	ray.dir = path.aim.dir;
-	ray.chord = path.aim.chord;
+	/* Elsewhere the chord is of a ray that is over, and the path's may leave no sphere. */
+	ray.chord = rt_sel(mask, path.aim.chord, rt_splat(-1.0f));
 	rt_hit hit = rt_closest_hit(view, ray, mask);
 	rt_mask seen = mask & (hit.index == path.aim.lamp);
 	rt_vec3 emission = rt_emission(view, rt_sel(seen, path.aim.lamp, rt_splat_i(0)));

@@ -1,8 +1,12 @@
 #include "backends/backend.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 
 namespace rt {
+
+std::string describe(const DeviceInfo& info) { return fmt::format("{} ({})", info.name, info.backend); }
 
 Status Device::read_pieces(const BufferHandle& buffer, std::size_t offset, std::size_t bytes, const TakePiece& take)
 {

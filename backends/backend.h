@@ -60,6 +60,9 @@ struct DeviceInfo {
 	int index_in_backend = 0; // what open() uses to find it again
 };
 
+// "AMD EPYC (opencl)": a device in a message.
+std::string describe(const DeviceInfo& info);
+
 // A reason for which devices may be missing: a driver absent, or present and not registered.
 struct Absence {
 	std::string backend;

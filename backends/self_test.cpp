@@ -457,4 +457,13 @@ Result<SelfTestReport> self_test(const DeviceHandle& device, bool use_cache, Pre
 	return report;
 }
 
+Error failed_self_test(const DeviceInfo& info, const SelfTestReport& report, const std::string& and_then)
+{
+	return Error{ErrorKind::SelfTest,
+	             fmt::format("{} does not keep the numeric contract: {}", info.name, report.first_failure()),
+	             fmt::format("self-test of {}, driver {}", describe(info), info.driver),
+	             "take another device (`rt devices` lists them) or another driver; --force-unverified " + and_then,
+	             {}};
+}
+
 } // namespace rt

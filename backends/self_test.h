@@ -41,4 +41,7 @@ Result<SelfTestItem> test_layout(const DeviceHandle& device);
 Result<SelfTestReport> self_test(const DeviceHandle& device, bool use_cache = true,
                                  Precision precision = Precision::Exact);
 
+// What to say of a device that failed; `and_then` is what --force-unverified does with it.
+Error failed_self_test(const DeviceInfo& info, const SelfTestReport& report, const std::string& and_then);
+
 } // namespace rt

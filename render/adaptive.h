@@ -59,6 +59,10 @@ double relative_error_bound(const TileSums& sums, std::int32_t film_exponent);
 class TileStatistics {
 public:
 	TileStatistics(std::uint32_t width, std::uint32_t height);
+	static std::uint64_t bytes_needed(std::uint32_t width, std::uint32_t height)
+	{
+		return std::uint64_t(width) * height * sizeof(Pixel);
+	}
 
 	std::uint32_t across() const { return across_; }
 	std::uint32_t down() const { return down_; }

@@ -1,7 +1,8 @@
 #include "render/adaptive_render.h"
 
+#include "support/clock.h"
+
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <utility>
 
@@ -98,7 +99,7 @@ private:
 	// Ends the render here if the next stage would end too late, going by the time of this one.
 	void look_at_clock()
 	{
-		const double now = std::chrono::duration<double>(Clock::now() - start_).count();
+		const double now = seconds_since(start_);
 		const double each = (now - last_) / stage_length(samples_ - 1);
 		last_ = now;
 		if (!options_.seconds || std::fma(each, stage_length(samples_), now) <= *options_.seconds)
@@ -108,8 +109,6 @@ private:
 		report_.limit = samples_;
 		report_.timed_out = true;
 	}
-
-	using Clock = std::chrono::steady_clock;
 
 	Session session_;
 	const AdaptiveOptions& options_;
@@ -131,7 +130,9 @@ Result<AdaptiveResult> render_adaptive(const PackedScene& packed, const std::vec
 	if (scene.window_width != scene.width || scene.window_height != scene.height)
 		return Error{ErrorKind::Usage, "a part of an image cannot be rendered to an error", "",
 		             "render the whole image", ""};
-	RT_TRY_ASSIGN(Session session, Session::open(packed, devices, options.session));
+	SessionOptions with_tiles = options.session;
+	with_tiles.host_bytes_beside = TileStatistics::bytes_needed(scene.width, scene.height);
+	RT_TRY_ASSIGN(Session session, Session::open(packed, devices, with_tiles));
 	return AdaptiveRender(std::move(session), packed, options).run();
 }
 

@@ -13,6 +13,17 @@
 #include <fmt/format.h>
 #include <zlib.h>
 
+#include <algorithm>
+#include <climits>
+#include <cstddef>
+#include <cstdint>
+#include <cstdlib>
+#include <cstring>
+#include <exception>
+#include <new>
+#include <string_view>
+#include <utility>
+
 namespace {
 
 // In the place of stb_image_write's own compression, which is slow and packs less. Called from C code that frees the
@@ -28,7 +39,7 @@ unsigned char* compress_for_stb(unsigned char* data, int bytes, int* compressed_
 			std::memcpy(copy, stream.data(), stream.size());
 		*compressed_bytes = static_cast<int>(stream.size());
 		return copy;
-	} catch (const std::bad_alloc&) {
+	} catch (const std::exception&) { // of C code none comes through
 		return nullptr;
 	}
 }
@@ -46,17 +57,6 @@ unsigned int crc_for_stb(const unsigned char* data, int bytes)
 #define STB_IMAGE_WRITE_STATIC
 #define STBI_WRITE_NO_STDIO
 #include <stb_image_write.h>
-
-#include <algorithm>
-#include <climits>
-#include <cstddef>
-#include <cstdint>
-#include <cstdlib>
-#include <cstring>
-#include <exception>
-#include <new>
-#include <string_view>
-#include <utility>
 
 namespace rt {
 

@@ -1,17 +1,14 @@
 #include "render/peak.h"
 
+#include "support/clock.h"
+
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
 
 namespace rt {
 
 namespace {
-
-using Clock = std::chrono::steady_clock;
-
-double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
 // What one round of kernels/peak.cl does a lane: 12 chains, 8 times.
 constexpr double operations_per_round = 12 * 8;

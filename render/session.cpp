@@ -3,12 +3,12 @@
 #include "backends/kernel_text.h"
 #include "common/rt_features.h"
 #include "render/bvh.h"
+#include "support/clock.h"
 #include "support/hash.h"
 #include "support/memory.h"
 #include "support/thread_pool.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <fmt/format.h>
 #include <map>
@@ -18,10 +18,6 @@
 
 namespace rt {
 namespace {
-
-using Clock = std::chrono::steady_clock;
-
-double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
 // A launch aims at this long: short enough for a smooth bar, a quick Ctrl-C and every watchdog.
 constexpr double target_launch_seconds = 0.1;
@@ -80,15 +76,16 @@ struct Page {
 // Cuts the windows into parts and shares them out among pages of about so many pixels.
 std::vector<Page> pages_of(const std::vector<Window>& windows, std::size_t page_pixels)
 {
-	std::vector<Page> pages(1);
+	std::vector<Page> pages;
 	for (const Window& window : windows) {
 		const std::size_t max_rows = std::max<std::size_t>(1, page_pixels / window.width);
 		for (std::uint32_t row = 0; row < window.height;) {
 			Part part;
 			const std::size_t rows = std::min<std::size_t>(max_rows, window.height - row);
 			part.window = {window.x, window.y + row, window.width, static_cast<std::uint32_t>(rows)};
-			part.first_row = static_cast<std::uint32_t>((pages.back().pixels + window.width - 1) / window.width);
-			if (part.first_pixel() + part.pixels() > page_pixels && !pages.back().parts.empty()) {
+			if (!pages.empty())
+				part.first_row = static_cast<std::uint32_t>((pages.back().pixels + window.width - 1) / window.width);
+			if (pages.empty() || part.first_pixel() + part.pixels() > page_pixels) {
 				pages.emplace_back();
 				part.first_row = 0;
 			}
@@ -320,8 +317,7 @@ public:
 		                            }));
 		{
 			const std::lock_guard<std::mutex> lock(shared_.mutex);
-			for (std::size_t part = 0; part < page_->parts.size(); ++part)
-				add_samples(part, store);
+			add_samples(store);
 		}
 		done_.clear();
 		film_is_clear_ = false;
@@ -481,17 +477,28 @@ private:
 		shared_.film.rejected += rejected;
 	}
 
-	// What done_ took of each pixel of a part, as above.
-	void add_samples(std::size_t index, bool store)
+	// What done_ took of each pixel of the page, as above.
+	void add_samples(bool store)
 	{
-		// All launches of a row together: most took whole pages.
-		const Part& part = page_->parts[index];
-		const std::size_t width = part.window.width, rows = part.window.height;
+		// All launches of a row together: most took whole pages. The rows of all parts, one part after the other.
+		std::vector<std::size_t> first_rows;
+		std::size_t rows = 0;
+		for (const Part& part : page_->parts) {
+			first_rows.push_back(rows);
+			rows += part.window.height;
+		}
 		std::vector<std::uint32_t> row_samples(rows, 0);
 		for (const Work& work : done_)
-			for (std::uint32_t row = 0; work.part == index && row < work.rows; ++row)
-				row_samples[work.first_row + row] += work.samples;
-		parallel_for(rows, 4 * pixels_a_thread / width + 1, [&](std::uint64_t begin, std::uint64_t end) {
+			for (std::uint32_t row = 0; row < work.rows; ++row)
+				row_samples[first_rows[work.part] + work.first_row + row] += work.samples;
+		for (std::size_t index = 0; index < page_->parts.size(); ++index)
+			add_samples(page_->parts[index], row_samples.data() + first_rows[index], store);
+	}
+
+	void add_samples(const Part& part, const std::uint32_t* row_samples, bool store)
+	{
+		const std::size_t width = part.window.width;
+		parallel_for(part.window.height, 4 * pixels_a_thread / width + 1, [&](std::uint64_t begin, std::uint64_t end) {
 			for (std::uint64_t row = begin; row < end; ++row) {
 				std::uint32_t* samples = shared_.film.samples().data() + film_pixel(part, row);
 				if (store)
@@ -518,10 +525,11 @@ private:
 	unsigned snapshot_round_ = 0;
 };
 
-Status check_memory(const PackedScene& packed, const std::vector<DeviceHandle>& devices)
+// `beside`: bytes of host memory that the caller takes beside the film.
+Status check_memory(const PackedScene& packed, const std::vector<DeviceHandle>& devices, std::uint64_t beside)
 {
 	constexpr double mebibyte = 1024.0 * 1024.0;
-	const std::uint64_t host = host_bytes_needed(packed), free_host = available_host_bytes();
+	const std::uint64_t host = host_bytes_needed(packed) + beside, free_host = available_host_bytes();
 	if (free_host && host > free_host)
 		return Error{ErrorKind::Memory,
 		             fmt::format("the render needs {:.0f} MiB of host memory and {:.0f} MiB are free",
@@ -649,7 +657,7 @@ Session::~Session() = default;
 Result<Session> Session::open(const PackedScene& packed, const std::vector<DeviceHandle>& devices,
                               const SessionOptions& options)
 {
-	RT_TRY(check_memory(packed, devices));
+	RT_TRY(check_memory(packed, devices, options.host_bytes_beside));
 	const rt_scene& scene = packed.scene;
 	auto state = std::make_unique<State>(packed, options);
 	state->shared.film =

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <new>
+#include <stdexcept>
 
 #include <zlib.h>
 
@@ -30,15 +31,18 @@ Piece compress_piece(const std::uint8_t* data, std::size_t first, std::size_t en
 		throw std::bad_alloc(); // the only thing that such constants can lack
 	try {
 		const std::size_t known = std::min(first, window_bytes);
-		if (known)
-			deflateSetDictionary(&stream, data + first - known, static_cast<uInt>(known));
+		if (known && deflateSetDictionary(&stream, data + first - known, static_cast<uInt>(known)) != Z_OK)
+			throw std::logic_error("deflateSetDictionary");
 		// The marker that a piece but the last ends with takes a few bytes more than deflateBound knows of.
 		piece.bytes.resize(deflateBound(&stream, static_cast<uLong>(end - first)) + 16);
 		stream.next_in = const_cast<Bytef*>(data + first);
 		stream.avail_in = static_cast<uInt>(end - first);
 		stream.next_out = piece.bytes.data();
 		stream.avail_out = static_cast<uInt>(piece.bytes.size());
-		deflate(&stream, last ? Z_FINISH : Z_SYNC_FLUSH);
+		// A piece that did not fit would be cut off within.
+		if (deflate(&stream, last ? Z_FINISH : Z_SYNC_FLUSH) != (last ? Z_STREAM_END : Z_OK) || stream.avail_in != 0 ||
+		    stream.avail_out == 0)
+			throw std::logic_error("deflate");
 		piece.bytes.resize(stream.total_out);
 		piece.adler = adler32_z(adler32_z(0, nullptr, 0), data + first, end - first);
 	} catch (...) {

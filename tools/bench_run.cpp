@@ -4,20 +4,16 @@
 #include "render/image_file.h"
 #include "render/pack.h"
 #include "render/scene_file.h"
+#include "support/clock.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
 #include <utility>
 
 namespace rt {
 
 namespace {
-
-using Clock = std::chrono::steady_clock;
-
-double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
 using PhaseSeconds = std::array<double, bench_phase_names.size()>;
 
@@ -78,13 +74,7 @@ Result<BenchDevice> open_bench_device(const RenderOptions& options,
 	device.self_test_seconds = seconds_since(start);
 	device.software_roots = report.needs_software_roots;
 	if (!report.passed && !options.force_unverified)
-		return Error{
-		    ErrorKind::SelfTest,
-		    fmt::format("{} does not keep the numeric contract: {}", chosen.front().name, report.first_failure()),
-		    fmt::format("self-test of {}, driver {}", chosen.front().name, chosen.front().driver),
-		    "take another device (`rt devices` lists them) or another driver; --force-unverified measures it "
-		    "all the same",
-		    ""};
+		return failed_self_test(chosen.front(), report, "measures it all the same");
 	return device;
 }
 

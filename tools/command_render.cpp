@@ -69,8 +69,6 @@ Result<Window> window_in(const RenderOptions& options, const RenderSettings& set
 	return window;
 }
 
-std::string describe(const DeviceInfo& info) { return fmt::format("{} ({})", info.name, info.backend); }
-
 class RenderCommand {
 public:
 	// With `keep` the film goes there and into no file.
@@ -204,12 +202,9 @@ private:
 			}
 		if (count == 1)
 			failures.clear();
-		return Error{ErrorKind::SelfTest,
-		             fmt::format("{} does not keep the numeric contract: {}", info.name, report->first_failure()),
-		             fmt::format("self-test of {}, driver {}", describe(info), info.driver),
-		             "take another device (`rt devices` lists them) or another driver; --force-unverified renders all "
-		             "the same, and the image will say so",
-		             failures};
+		Error failed = failed_self_test(info, *report, "renders all the same, and the image will say so");
+		failed.log = failures;
+		return failed;
 	}
 
 	void take_unverified(const DeviceInfo& info, const std::string& failure)

@@ -81,8 +81,6 @@ std::string note_text(const TraceNote& note, const TraceSite* site)
 
 std::string film_text(const rt_film_pixel& pixel) { return fmt::format("{} {} {}", pixel.r, pixel.g, pixel.b); }
 
-std::string describe(const DeviceInfo& info) { return fmt::format("{} ({})", info.name, info.backend); }
-
 std::string launch_text(const PixelLaunch& launch)
 {
 	if (launch.samples == 1)

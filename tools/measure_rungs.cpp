@@ -309,6 +309,9 @@ private:
 	Result<Json> report(const std::string& name, const std::vector<Rung>& all, const ConvergedFilm& converged)
 	{
 		const Rung& exact = all.front();
+		if (wanted_.against == "double" && all.back().precision != Precision::Double)
+			return Error{ErrorKind::Usage, "the device has no double precision", "--against double", "take another one",
+			             ""};
 		const Rung& base = wanted_.against == "double" ? all.back() : exact;
 		std::vector<std::vector<std::string>> rows = {{"rung", on_processor() ? ">CPU seconds" : ">seconds",
 		                                               ">of exact", ">R bias (z)", ">G bias (z)", ">B bias (z)",

@@ -52,6 +52,8 @@ Result<MeasuredDevice> open_measured_device(const DeviceRequest& request)
 	RT_TRY_ASSIGN(const std::vector<DeviceInfo> chosen, select_devices(request, enumerate_all()));
 	RT_TRY_ASSIGN(DeviceHandle device, open_device(chosen.front()));
 	RT_TRY_ASSIGN(const SelfTestReport tested, self_test(device));
+	if (!tested.passed)
+		return failed_self_test(chosen.front(), tested, "is an option of rt alone");
 	return MeasuredDevice{std::move(device), tested.needs_software_roots};
 }
 

@@ -1,17 +1,14 @@
 #include "tools/passes.h"
 
+#include "support/clock.h"
+
 #include <algorithm>
-#include <chrono>
 #include <numeric>
 #include <utility>
 
 namespace rt {
 
 namespace {
-
-using Clock = std::chrono::steady_clock;
-
-double seconds_since(Clock::time_point begin) { return std::chrono::duration<double>(Clock::now() - begin).count(); }
 
 // A stop loses at most about this much work, and the start of a pass costs some milliseconds.
 constexpr double pass_seconds = 10;

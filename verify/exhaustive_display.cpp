@@ -13,6 +13,9 @@
 namespace rt {
 namespace {
 
+// As many pixels as to_8bit() goes over by edges, as in an image; the last piece of a chunk is smaller and goes over by
+// sums.
+constexpr std::uint64_t display_piece = 3u << 15;
 constexpr Transfer transfers[] = {Transfer::Srgb, Transfer::Gamma2, Transfer::Linear};
 
 // The radiance that is encoded to `code`.
@@ -41,7 +44,7 @@ void advance_display(ExhaustiveResult& result)
 {
 	static const std::array<std::array<std::int64_t, 255>, 3> edges = {
 	    edges_of(Transfer::Srgb), edges_of(Transfer::Gamma2), edges_of(Transfer::Linear)};
-	advance_on_host(result, [&result](std::uint64_t begin, std::uint64_t end) {
+	advance_on_host(result, display_piece, [&result](std::uint64_t begin, std::uint64_t end) {
 		// A film of three inputs a pixel; of the last pixel some may be nobody's.
 		const auto pixels = static_cast<std::uint32_t>((end - begin + 2) / 3);
 		Film film(pixels, 1, Window{0, 0, pixels, 1}, 40);

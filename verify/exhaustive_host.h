@@ -17,14 +17,14 @@ struct HostFindings {
 	std::string first_failure; // of the piece; empty if there is none
 };
 
-// Tries the next 2^22 inputs at most. findings_of(begin, end) tries the inputs result.done + [begin, end), counted
-// without the stride.
+// Tries the next 2^22 inputs at most, in pieces of so many. findings_of(begin, end) tries the inputs
+// result.done + [begin, end), counted without the stride.
 template <class FindingsOf>
-void advance_on_host(ExhaustiveResult& result, const FindingsOf& findings_of)
+void advance_on_host(ExhaustiveResult& result, std::uint64_t piece, const FindingsOf& findings_of)
 {
 	const std::uint64_t count = std::min<std::uint64_t>(1u << 22, result.total - result.done);
 	std::mutex mutex;
-	parallel_for(count, 1u << 14, [&](std::uint64_t begin, std::uint64_t end) {
+	parallel_for(count, piece, [&](std::uint64_t begin, std::uint64_t end) {
 		const HostFindings found = findings_of(begin, end);
 		const std::lock_guard lock(mutex);
 		result.failures += found.wrong;

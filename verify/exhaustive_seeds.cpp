@@ -34,7 +34,7 @@ namespace rt {
 void advance_seeds(ExhaustiveResult& result)
 {
 	constexpr std::uint32_t mantissas = 3u << 23; // roots of [1, 4), reciprocals of [1, 2)
-	advance_on_host(result, [&result](std::uint64_t begin, std::uint64_t end) {
+	advance_on_host(result, 1u << 14, [&result](std::uint64_t begin, std::uint64_t end) {
 		HostFindings found;
 		for (std::uint64_t i = begin; i < end; ++i) {
 			const std::uint64_t input = (result.done + i) * result.stride;

@@ -1,20 +1,16 @@
 #include "verify/verification.h"
 
 #include "render/peak.h"
+#include "support/clock.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 
 namespace rt {
 
 namespace {
-
-using Clock = std::chrono::steady_clock;
-
-double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
 std::string one_line(const Error& error)
 {
@@ -255,7 +251,10 @@ private:
 				// An interpreter would take minutes for the probe, and nobody asks how near it comes.
 				if (!verified.info.only_if_named) {
 					tell("peak of " + verified.info.name);
-					if (const Result<DevicePeak> peak = measure_peak(*device))
+					const Result<DevicePeak> peak = measure_peak(*device);
+					if (!peak)
+						verified.speed_error = one_line(peak.error());
+					else
 						speed.share_of_peak =
 						    peak_share(rendered->film.segments, packed->spheres.size(), rendered->devices.front().bvh,
 						               rendered->devices.front().launch_seconds, *peak)

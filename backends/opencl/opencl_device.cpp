@@ -207,7 +207,7 @@ public:
 		const auto start = [&](const void* source, std::size_t first, std::size_t count, cl_bool blocking) {
 			const cl_int code = api_.EnqueueWriteBuffer(context_->queue, own->memory(), blocking, offset + first, count,
 			                                            source, 0, nullptr, nullptr);
-			return transferred("clEnqueueWriteBuffer", code, own->bytes());
+			return transferred("clEnqueueWriteBuffer", code, blocking, own->bytes());
 		};
 		if (std::uint8_t* const halves = bytes >= min_staged_bytes ? staging() : nullptr)
 			return write_through_staging(
@@ -341,13 +341,14 @@ private:
 	{
 		const cl_int code = api_.EnqueueReadBuffer(context_->queue, buffer.memory(), blocking, offset, bytes, target, 0,
 		                                           nullptr, nullptr);
-		return transferred("clEnqueueReadBuffer", code, buffer.bytes());
+		return transferred("clEnqueueReadBuffer", code, blocking, buffer.bytes());
 	}
 
-	// After a blocking copy, which waited for the launches before it.
-	Status transferred(const char* call, cl_int code, std::size_t buffer_bytes)
+	// A blocking copy waited for the launches before it; those before another are asked at the next wait().
+	Status transferred(const char* call, cl_int code, cl_bool blocking, std::size_t buffer_bytes)
 	{
-		RT_TRY(check_launches());
+		if (blocking == CL_TRUE)
+			RT_TRY(check_launches());
 		if (code != CL_SUCCESS)
 			return with_figures(context_->error(call, code), buffer_bytes);
 		return success();

@@ -24,9 +24,7 @@ template <typename Choice, std::size_t n>
 std::optional<Choice> choice_of(const Json& row, const char* key, const std::array<Choice, n>& all,
                                 const char* (*name_of)(Choice))
 {
-	const std::string name = row.value(key, name_of(Choice()));
-	const auto found = std::find_if(all.begin(), all.end(), [&](Choice choice) { return name == name_of(choice); });
-	return found == all.end() ? std::nullopt : std::optional(*found);
+	return find_named(row.value(key, name_of(Choice())), all, name_of);
 }
 
 // What of a scene's settings is not the default, each with its key.

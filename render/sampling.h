@@ -3,6 +3,9 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
+#include <optional>
+#include <string_view>
 
 namespace rt {
 
@@ -22,6 +25,17 @@ enum class Estimator {
 	Mis,  // both, weighed by the power heuristic (multiple importance sampling)
 };
 constexpr std::array<Estimator, 3> all_estimators{Estimator::Path, Estimator::Nee, Estimator::Mis};
+
+// The one of a list that is called so, or nothing.
+template <class Choice, std::size_t count>
+std::optional<Choice> find_named(std::string_view text, const std::array<Choice, count>& all,
+                                 const char* (*name)(Choice))
+{
+	for (const Choice choice : all)
+		if (text == name(choice))
+			return choice;
+	return std::nullopt;
+}
 
 // As options, scene files and provenance spell them.
 const char* sampler_name(Sampler sampler);

@@ -1,6 +1,5 @@
 #include "render/tradeoff.h"
 
-#include "backends/embedded_text.h"
 #include "common/rt_contract.h"
 #include "render/compare.h"
 
@@ -9,7 +8,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <string_view>
 #include <utility>
 
 namespace rt {
@@ -20,33 +18,6 @@ const RenderSettings plain;
 
 // Scatterings after which roulette begins where it is measured: enough for what is bright to be seen first.
 constexpr std::uint32_t grid_roulette = 4;
-
-// Have the kernels code for a feature, or is its bit only given out? `condition` is what guards the code.
-bool kernels_have(std::string_view condition)
-{
-	return std::any_of(embedded_texts, embedded_texts + embedded_text_count, [condition](const EmbeddedText& file) {
-		return std::string_view(file.text, file.bytes).find(condition) != std::string_view::npos;
-	});
-}
-
-// What the kernels can do; the plainest first.
-std::vector<Sampler> grid_samplers()
-{
-	std::vector<Sampler> all = {plain.sampler};
-	if (kernels_have("RT_HAS(RT_FEATURE_STRATIFIED)"))
-		all.push_back(Sampler::Stratified);
-	if (kernels_have("RT_HAS(RT_FEATURE_SOBOL)"))
-		all.push_back(Sampler::Sobol);
-	return all;
-}
-
-std::vector<Estimator> grid_estimators(const Scene& scene)
-{
-	std::vector<Estimator> all = {plain.estimator};
-	if (has_lamps(scene) && kernels_have("RT_HAS(RT_FEATURE_LIGHTS)"))
-		all.insert(all.end(), {Estimator::Nee, Estimator::Mis});
-	return all;
-}
 
 // ---- errors ---------------------------------------------------------------------------------------------------------
 
@@ -169,7 +140,7 @@ std::uint32_t power_of_two_up(std::uint32_t samples)
 	std::uint32_t power = 1;
 	while (power < samples && power <= RT_MAX_SAMPLES / 2)
 		power *= 2;
-	return std::max(power, 1u);
+	return power;
 }
 
 Recommendation recommendation_of(const Curve& curve, std::uint32_t samples, double scale)
@@ -231,28 +202,32 @@ std::string Configuration::arguments() const
 	return text;
 }
 
-bool has_lamps(const Scene& scene)
+bool aims_at_lamps(const Scene& scene)
 {
-	return std::any_of(scene.spheres.begin(), scene.spheres.end(), [&scene](const Sphere& sphere) {
-		const Vec3d& emission = scene.materials[sphere.material].emission;
-		return emission[0] > 0 || emission[1] > 0 || emission[2] > 0;
-	});
+	const auto any_sphere = [&scene](auto is_such) {
+		return std::any_of(scene.spheres.begin(), scene.spheres.end(),
+		                   [&](const Sphere& sphere) { return is_such(scene.materials[sphere.material]); });
+	};
+	return any_sphere([](const Material& material) { return material.kind == Material::Kind::Lambertian; }) &&
+	       any_sphere([](const Material& material) {
+		       return material.emission[0] > 0 || material.emission[1] > 0 || material.emission[2] > 0;
+	       });
 }
 
 std::vector<Configuration> configurations_for(const Scene& scene, const DeviceInfo& device)
 {
 	std::vector<Configuration> all;
-	const std::vector<Estimator> estimators = grid_estimators(scene);
+	const bool aims = aims_at_lamps(scene);
 	for (const Precision precision : {Precision::Exact, Precision::Fast, Precision::Double}) {
 		if (!check_precision(device, precision))
 			continue;
-		for (const Sampler sampler : grid_samplers())
-			for (const Estimator estimator : estimators) {
+		for (const Sampler sampler : all_samplers)
+			for (const Estimator estimator : all_estimators) {
 				const bool is_plain = sampler == plain.sampler && estimator == plain.estimator;
-				if (precision != Precision::Double || is_plain)
+				if ((precision != Precision::Double || is_plain) && (aims || estimator == plain.estimator))
 					all.push_back({precision, sampler, estimator, plain.roulette});
 			}
-		if (precision == Precision::Exact && kernels_have("RT_HAS(RT_FEATURE_ROULETTE)"))
+		if (precision == Precision::Exact)
 			all.push_back({precision, plain.sampler, plain.estimator, grid_roulette});
 	}
 	return all;
@@ -260,7 +235,8 @@ std::vector<Configuration> configurations_for(const Scene& scene, const DeviceIn
 
 Configuration reference_configuration(const Scene& scene)
 {
-	return {Precision::Double, grid_samplers().back(), grid_estimators(scene).back(), plain.roulette};
+	return {Precision::Double, all_samplers.back(), aims_at_lamps(scene) ? all_estimators.back() : plain.estimator,
+	        plain.roulette};
 }
 
 double Noise::rmse() const { return std::sqrt(mse); }

@@ -43,11 +43,11 @@ struct Configuration {
 	friend bool operator!=(const Configuration& a, const Configuration& b) { return !(a == b); }
 };
 
-// Has the scene anything that shines and could be aimed at?
-bool has_lamps(const Scene& scene);
+// Has the scene anything that shines, and a matte surface that could aim at it?
+bool aims_at_lamps(const Scene& scene);
 
-// All that are worth measuring for a scene on a device, the plain exact one first. Estimators differ only where there
-// are lamps; the double rung, the oracle, is measured plain, and roulette with nothing else.
+// All that are worth measuring for a scene on a device, the plain exact one first. Estimators differ only where lamps
+// are aimed at; the double rung, the oracle, is measured plain, and roulette with nothing else.
 std::vector<Configuration> configurations_for(const Scene& scene, const DeviceInfo& device);
 
 // The one with the least noise that the double rung has for this scene: what a reference is rendered with.

@@ -337,8 +337,8 @@ TEST_CASE("tradeoff: the grid leaves out what a scene or a device has no use for
 	const auto sky = rt::open_scene("three-spheres"), box = rt::open_scene("cornell");
 	REQUIRE(sky);
 	REQUIRE(box);
-	CHECK_FALSE(rt::has_lamps(sky->base));
-	CHECK(rt::has_lamps(box->base));
+	CHECK_FALSE(rt::aims_at_lamps(sky->base));
+	CHECK(rt::aims_at_lamps(box->base));
 	rt::DeviceInfo device;
 	device.reports_fp64 = true;
 	const auto plain = rt::configurations_for(sky->base, device);
@@ -452,9 +452,31 @@ TEST_CASE("tradeoff: one small run, as a program sees it")
 		CHECK(file_text(directory / "errors").find("was not measured") == std::string::npos);
 		CHECK(run_rt(directory, render + "1e-9 --size 24x18").status == 1);
 		CHECK(run_rt(directory, render + "0.2 --spp 3").status == 2);
+		CHECK(run_rt(directory, render + "0.2 --error 0.1").status == 2);
+		// What was measured with other options of the device says nothing of this.
+		CHECK(run_rt(directory, render + "0.3 --size 12x9 --generic").status == 0);
+		CHECK(file_text(directory / "errors").find("was not measured") != std::string::npos);
 		CHECK(run_rt(directory, "render --auto-precision").status == 2);
 		CHECK(run_rt(directory, "render --target-error 0.1").status == 2);
 	}
+}
+
+TEST_CASE("tradeoff: where the reference takes all the time it is told, and nothing is remembered")
+{
+	const Directory directory;
+	// Each of the eight configurations builds the tree once before any is timed.
+	const std::string scene = "cloud-300000 --backend reference --size 96x54 ";
+	const Outcome outcome = run_rt(directory, "tradeoff " + scene + "--limit 1 --reference 65536");
+	CHECK(outcome.status == 1);
+	CHECK(outcome.out.find("left out: ") != std::string::npos);
+	CHECK(file_text(directory / "errors").find("--limit") != std::string::npos);
+	// A measurement without a point would keep others from measuring.
+	const std::filesystem::path cache = directory / "cache";
+	std::size_t measurements = 0;
+	for (const auto& file : std::filesystem::recursive_directory_iterator(cache))
+		if (file.is_regular_file())
+			measurements += file_text(file.path().string()).find("\"points\":[]") != std::string::npos;
+	CHECK(measurements == 0);
 }
 
 TEST_CASE("tradeoff: Ctrl-C keeps what was measured")

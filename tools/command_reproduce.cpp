@@ -78,9 +78,10 @@ private:
 	                    const char* (*name)(Choice)) const
 	{
 		const std::string text = provenance_value(provenance, key);
-		for (const Choice choice : all)
-			if (text.empty() || text == name(choice))
-				return choice;
+		if (text.empty())
+			return all.front();
+		if (const std::optional<Choice> found = find_named(text, all, name))
+			return *found;
 		return unfit(fmt::format("the image says '{}' of its {}, which this rt does not have", text, key),
 		             "reproduce it with the rt that made it: " + provenance_value(provenance, "Software"));
 	}
@@ -140,7 +141,7 @@ private:
 		if (!error.empty()) {
 			double value = 0;
 			const auto [end, fault] = std::from_chars(error.data(), error.data() + error.size(), value);
-			if (fault != std::errc() || end != error.data() + error.size() || !(value > 0))
+			if (fault != std::errc() || end != error.data() + error.size() || !(value > 0) || !std::isfinite(value))
 				return unfit(fmt::format("the image says '{}' of its Error, which is not a positive number", error),
 				             "the file was altered, or another rt wrote it");
 			render_.error = value;

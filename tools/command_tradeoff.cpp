@@ -56,7 +56,7 @@ public:
 
 	std::string text() const
 	{
-		return measured_.points.empty() ? head() : head() + '\n' + table() + legend() + advice();
+		return measured_.points.empty() ? head() + left_out() : head() + '\n' + table() + legend() + advice();
 	}
 
 private:
@@ -108,12 +108,18 @@ private:
 
 	std::string legend() const
 	{
-		std::string text = "\n*: nothing else here is as quick and as near to the reference. error: relative RMSE, "
-		                   "without the\nreference's own (<: no more can be told than that it is below). bias: of the "
-		                   "channel where it is\nclearest; chance gives |z| up to 3.\n";
+		return "\n*: nothing else here is as quick and as near to the reference. error: relative RMSE, without the\n"
+		       "reference's own (<: no more can be told than that it is below). bias: of the channel where it is\n"
+		       "clearest; chance gives |z| up to 3.\n" +
+		       left_out() + '\n';
+	}
+
+	std::string left_out() const
+	{
+		std::string text;
 		for (const std::string& what : measured_.left_out)
 			text += fmt::format("left out: {}\n", what);
-		return text + '\n';
+		return text;
 	}
 
 	std::string expected(const Recommendation& way) const
@@ -170,6 +176,13 @@ Error interrupted(const Tradeoff& measured)
 	             ""};
 }
 
+Error nothing_measured(std::uint32_t limit_seconds)
+{
+	return Error{ErrorKind::Failure,
+	             fmt::format("{} do not suffice to measure anything", format_seconds(limit_seconds)), "rt tradeoff",
+	             "give it more with --limit, or a smaller image with --size; the reference is remembered", ""};
+}
+
 } // namespace
 
 Status run_tradeoff(const TradeoffOptions& options)
@@ -190,6 +203,8 @@ Status run_tradeoff(const TradeoffOptions& options)
 	RT_TRY(flush_results());
 	if (measured.interrupted)
 		return interrupted(measured);
+	if (measured.points.empty())
+		return nothing_measured(options.limit_seconds);
 	if (!advice.way && (options.budget || options.target_error))
 		return Error{ErrorKind::Failure,
 		             options.budget ? "not even one sample a pixel fits into that time"
@@ -217,6 +232,8 @@ Result<RenderOptions> with_auto_precision(const RenderOptions& options)
 		display.clear();
 		if (measured->interrupted)
 			return interrupted(*measured);
+		if (measured->points.empty())
+			return nothing_measured(tradeoff.limit_seconds);
 	}
 	const TradeoffAdvice advice = advice_for(*measured, tradeoff);
 	if (!advice.way)

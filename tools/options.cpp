@@ -185,12 +185,11 @@ template <class T, std::size_t count>
 Result<T> parse_named(const char* option, const std::string& text, const std::array<T, count>& all,
                       const char* (*name)(T))
 {
+	if (const std::optional<T> found = find_named(text, all, name))
+		return *found;
 	std::string known;
-	for (const T value : all) {
-		if (text == name(value))
-			return value;
+	for (const T value : all)
 		known += (known.empty() ? "" : ", ") + std::string(name(value));
-	}
 	return usage(fmt::format("{} does not know '{}'", option, text), "choose one of: " + known);
 }
 
@@ -556,7 +555,8 @@ Result<CommandLine> parse_render(std::vector<std::string> arguments, bool named)
 		             "give both: --auto-precision --target-error 0.02");
 	if (options.auto_precision && options.device.device.find(',') != std::string::npos)
 		return usage("--auto-precision measures one device", "name one of them with --device");
-	for (const char* chosen : {"--precision", "--samples", "--sampler", "--estimator", "--roulette", "--resume"})
+	for (const char* chosen :
+	     {"--precision", "--samples", "--sampler", "--estimator", "--roulette", "--resume", "--error"})
 		if (options.auto_precision && app.count(chosen) > 0)
 			return usage(fmt::format("--auto-precision chooses what {} says", chosen), "give one or the other");
 	return CommandLine(std::move(options));

@@ -97,7 +97,8 @@ def add(results, document, path):
                                               "reference", "advice")),
                  "devices": [picked(device, DEVICE_KEYS) for device in document["devices"]],
                  "points": [picked(point, POINT_KEYS) for point in document["points"]]}
-        replace(results["tradeoffs"], entry, lambda other: (other["scene"], str(other["devices"])))
+        replace(results["tradeoffs"], entry, lambda other: (other["scene"], [(device["backend"], device["name"])
+                                                                           for device in other["devices"]]))
     elif "rung_scenes" in document:
         for scene in document["rung_scenes"]:
             entry = {**facts, **picked(document, ("width", "height", "samples", "rounds", "ulp_bins")),
@@ -163,7 +164,8 @@ def anchor(text):
 
 
 def plot_name(result):
-    return f"tradeoff-{anchor(result['scene'])}-{anchor(result['devices'][0]['backend'])}.svg"
+    devices = "-".join(anchor(f"{device['backend']}-{device['name']}") for device in result["devices"])
+    return f"tradeoff-{anchor(result['scene'])}-{devices}.svg"
 
 
 def identity_rows(results):

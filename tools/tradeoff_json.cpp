@@ -70,12 +70,11 @@ Json recommendation_json(const Tradeoff& measured, const std::optional<Recommend
 }
 
 // The value whose name the text has; an exception of the library's kind for any other.
-template <class T, std::size_t count, class Name>
-T named(const Json& json, const std::array<T, count>& all, Name name)
+template <class T, std::size_t count>
+T named(const Json& json, const std::array<T, count>& all, const char* (*name)(T))
 {
-	for (const T value : all)
-		if (json.get<std::string>() == name(value))
-			return value;
+	if (const std::optional<T> found = find_named(json.get<std::string>(), all, name))
+		return *found;
 	throw Json::other_error::create(501, "no such name: " + json.get<std::string>(), nullptr);
 }
 

@@ -7,6 +7,7 @@
 #include "render/image_file.h"
 #include "render/pack.h"
 #include "render/scene_file.h"
+#include "support/clock.h"
 #include "tools/tradeoff_json.h"
 
 #include <fmt/chrono.h>
@@ -14,7 +15,6 @@
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <ctime>
 #include <utility>
@@ -22,10 +22,6 @@
 namespace rt {
 
 namespace {
-
-using Clock = std::chrono::steady_clock;
-
-double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
 // Wide enough to show the noise of every part of a scene, small enough for a processor.
 constexpr std::uint32_t measured_width = 320;
@@ -90,13 +86,13 @@ std::string settings_text(const Hash128& scene_hash, const RenderSettings& setti
 	return fmt::format("{} {}x{} depth {}", scene_hash.hex(), settings.width, settings.height, settings.max_depth);
 }
 
-CacheKey measurement_key(const Tradeoff& measured, const DeviceInfo& device)
+CacheKey measurement_key(const Tradeoff& measured, const DeviceInfo& device, const RenderOptions& render)
 {
 	return memory_key("measurement", device,
-	                  settings_text(measured.scene_hash, measured.settings) + ' ' + cache_environment());
+	                  fmt::format("{} generic {} bvh {} lanes {} {}",
+	                              settings_text(measured.scene_hash, measured.settings), !render.specialise,
+	                              static_cast<int>(render.bvh), render.lanes, cache_environment()));
 }
-
-std::string describe(const DeviceInfo& info) { return fmt::format("{} ({})", info.name, info.backend); }
 
 class TradeoffRun {
 public:
@@ -185,12 +181,7 @@ private:
 		RT_TRY_ASSIGN(const SelfTestReport report, self_test(device.handle, !options_.render.self_test_afresh));
 		device.software_roots = report.needs_software_roots;
 		if (!report.passed && !options_.render.force_unverified)
-			return Error{ErrorKind::SelfTest,
-			             fmt::format("{} does not keep the numeric contract: {}", info.name, report.first_failure()),
-			             fmt::format("self-test of {}, driver {}", describe(info), info.driver),
-			             "take another device (`rt devices` lists them) or another driver; --force-unverified measures "
-			             "it all the same",
-			             ""};
+			return failed_self_test(info, report, "measures it all the same");
 		return device;
 	}
 
@@ -452,7 +443,8 @@ private:
 				continue;
 			}
 			cell.out = true;
-			measured_.left_out.push_back(fmt::format("{}: about {:.0f} s", title(cell, samples), takes));
+			measured_.left_out.push_back(title(cell, samples) +
+			                             (takes > 0 ? fmt::format(": about {:.0f} s", takes) : ""));
 		}
 	}
 
@@ -522,9 +514,11 @@ private:
 					point.device = 0;
 					alone.points.push_back(std::move(point));
 				}
+			if (alone.points.empty())
+				continue; // it would keep others from measuring
 			mark_front(alone.points);
 			const std::string text = tradeoff_json(alone).dump();
-			cache_store(measurement_key(alone, alone.devices[0]), {text.begin(), text.end()});
+			cache_store(measurement_key(alone, alone.devices[0], options_.render), {text.begin(), text.end()});
 		}
 	}
 
@@ -555,7 +549,7 @@ std::optional<Tradeoff> remembered_tradeoff(const TradeoffOptions& options)
 	Result<Tradeoff> plan = TradeoffRun(options, {}).plan();
 	if (!plan || plan->devices.size() != 1)
 		return std::nullopt;
-	const auto payload = cache_load(measurement_key(*plan, plan->devices[0]));
+	const auto payload = cache_load(measurement_key(*plan, plan->devices[0], options.render));
 	if (!payload)
 		return std::nullopt;
 	Result<Tradeoff> measured = tradeoff_of_json(std::string(payload->begin(), payload->end()));

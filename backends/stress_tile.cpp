@@ -218,7 +218,7 @@ Result<Hash128> render_stress_tile(Device& device, const ProgramHandle& program,
 	RT_TRY_ASSIGN(const BufferHandle texels, upload(device, stress.texels));
 	RT_TRY_ASSIGN(const BufferHandle lights, upload(device, std::vector<rt_light>(1)));
 	RT_TRY_ASSIGN(const BufferHandle film, upload(device, pixels));
-	const std::uint32_t items = size * size / lanes;
+	const std::uint32_t items = RT_TILES(size, size, lanes) * RT_TILE_ITEMS(lanes);
 	RT_TRY(device.launch(program, "rt_render", items,
 	                     {by_value(stress.scene), by_value(rt_few_spheres{}), spheres, wide, ids, sphere_materials, bvh,
 	                      materials, textures, texels, lights, film, 0u, size, 0u, samples, 1u, size * size}));

@@ -152,6 +152,14 @@ RT_STATIC_ASSERT(sizeof(rt_film_pixel) == 32, film_pixel);
 
 #define RT_TALLY_REJECTED_SHIFT 40
 
+/* A launch takes the film in tiles (kernels/tile.h). With one lane a tile is a warp, whose lanes look the same way;
+ * with several it is a work-item, and the larger it is the shorter, of the whole, do lanes wait for the last one. */
+#define RT_TILE_WIDTH 8u
+#define RT_TILE_ROWS(lanes) ((lanes) == 1u ? 4u : 16u)
+#define RT_TILE_ITEMS(lanes) ((lanes) == 1u ? 32u : 1u)
+#define RT_TILES(width, rows, lanes) \
+	(((width) + RT_TILE_WIDTH - 1u) / RT_TILE_WIDTH * (((rows) + RT_TILE_ROWS(lanes) - 1u) / RT_TILE_ROWS(lanes)))
+
 /* Samples of one pixel that one launch may take: bounds the kernel's 32-bit partial sums (kernels/film.h). */
 #define RT_MAX_SAMPLES_PER_LAUNCH 1024u
 

@@ -150,10 +150,7 @@ RT_KERNEL(rt_exhaust)
 		if (operation == RT_EXHAUST_TO_INT)
 			x = rt_to_uint(rt_to_int(a));
 		else if (operation == RT_EXHAUST_FILM) {
-			rt_channel_sum sum;
-			sum.high = rt_splat_u(0u);
-			sum.low = rt_splat_u(0u);
-			sum = rt_channel_add(sum, RT_TRUE, a, 0x1p40f, 0x1p20f);
+			rt_channel_sum sum = rt_channel_sample(a, 0x1p40f, 0x1p20f);
 			rt_store_u(sum.high, xs);
 			rt_store_u(sum.low, ys);
 			for (rt_u32 lane = 0u; lane < RT_LANES; ++lane) {

@@ -20,10 +20,12 @@
 #define RT_FILM_MAGIC_BITS 0x4b400000u
 #endif
 
+/* Of a channel */
 typedef struct rt_channel_sum {
 	rt_uint high, low;
 } rt_channel_sum;
 
+/* Of samples */
 typedef struct rt_film_sum {
 	rt_channel_sum r, g, b;
 	rt_uint rejected;
@@ -39,33 +41,66 @@ RT_FN rt_film_sum rt_film_sum_zero(void)
 	return sum;
 }
 
-RT_FN rt_channel_sum rt_channel_add(rt_channel_sum sum, rt_mask finished, rt_float v, float scale, float scale_high)
+RT_FN rt_channel_sum rt_channel_sample(rt_float v, float scale, float scale_high)
 {
+	rt_channel_sum one;
 	rt_float high = rt_fma(v, rt_splat(scale_high), rt_splat(RT_FILM_MAGIC));
 	rt_float rest = rt_fma(high - RT_FILM_MAGIC, rt_splat(-0x1p20f), v * scale);
 	rt_float low = rest + RT_FILM_MAGIC;
-	sum.high += rt_sel(finished, rt_low_word(high), rt_splat_u(0u));
-	sum.low += rt_sel(finished, rt_low_word(low), rt_splat_u(0u));
-	return sum;
+	one.high = rt_low_word(high);
+	one.low = rt_low_word(low);
+	return one;
 }
 
-/* Adds one sample in the lanes where it is finished. A radiance that is NaN, infinite, negative or above the scene's
- * limit counts as black and is tallied (contract rule 7). */
-RT_FN rt_film_sum rt_film_add(RT_UNIFORM const rt_scene* scene, rt_film_sum sum, rt_mask finished, rt_vec3 radiance)
+/* One sample. A radiance that is NaN, infinite, negative or above the scene's limit counts as black and is tallied
+ * (contract rule 7). */
+RT_FN rt_film_sum rt_film_sample(RT_UNIFORM const rt_scene* scene, rt_vec3 radiance)
 {
+	rt_film_sum one;
 	rt_float limit = rt_splat(scene->radiance_limit);
 	rt_float zero = rt_splat(0.0f);
 	rt_mask valid = (radiance.x >= zero) & (radiance.x <= limit) & (radiance.y >= zero) & (radiance.y <= limit) &
 	                (radiance.z >= zero) & (radiance.z <= limit);
 	radiance = v3_sel(valid, radiance, v3(zero, zero, zero));
-	sum.rejected += rt_sel(finished & rt_not(valid), rt_splat_u(1u), rt_splat_u(0u));
-	sum.r = rt_channel_add(sum.r, finished, radiance.x, scene->film_scale, scene->film_scale_high);
-	sum.g = rt_channel_add(sum.g, finished, radiance.y, scene->film_scale, scene->film_scale_high);
-	sum.b = rt_channel_add(sum.b, finished, radiance.z, scene->film_scale, scene->film_scale_high);
+	one.rejected = rt_sel(valid, rt_splat_u(0u), rt_splat_u(1u));
+	one.r = rt_channel_sample(radiance.x, scene->film_scale, scene->film_scale_high);
+	one.g = rt_channel_sample(radiance.y, scene->film_scale, scene->film_scale_high);
+	one.b = rt_channel_sample(radiance.z, scene->film_scale, scene->film_scale_high);
+	return one;
+}
+
+RT_FN rt_channel_sum rt_channel_add(rt_channel_sum sum, rt_mask mask, rt_channel_sum other)
+{
+	sum.high += rt_sel(mask, other.high, rt_splat_u(0u));
+	sum.low += rt_sel(mask, other.low, rt_splat_u(0u));
 	return sum;
 }
 
-/* The integer that `samples` additions to a channel of one lane make. The high sum is never negative and may need all
+/* Adds in the lanes of `mask`. */
+RT_FN rt_film_sum rt_film_add(rt_film_sum sum, rt_mask mask, rt_film_sum other)
+{
+	sum.r = rt_channel_add(sum.r, mask, other.r);
+	sum.g = rt_channel_add(sum.g, mask, other.g);
+	sum.b = rt_channel_add(sum.b, mask, other.b);
+	sum.rejected += rt_sel(mask, other.rejected, rt_splat_u(0u));
+	return sum;
+}
+
+/* Nothing in the lanes of `mask`. */
+RT_FN rt_film_sum rt_film_clear(rt_film_sum sum, rt_mask mask)
+{
+	rt_uint zero = rt_splat_u(0u);
+	sum.r.high = rt_sel(mask, zero, sum.r.high);
+	sum.r.low = rt_sel(mask, zero, sum.r.low);
+	sum.g.high = rt_sel(mask, zero, sum.g.high);
+	sum.g.low = rt_sel(mask, zero, sum.g.low);
+	sum.b.high = rt_sel(mask, zero, sum.b.high);
+	sum.b.low = rt_sel(mask, zero, sum.b.low);
+	sum.rejected = rt_sel(mask, zero, sum.rejected);
+	return sum;
+}
+
+/* The integer that the sum of `samples` samples is. The high sum is never negative and may need all
  * 32 bits: 2^21 for each of 2^10 samples at the limit. */
 RT_FN rt_i64 rt_channel_total(rt_u32 high, rt_u32 low, rt_u32 samples)
 {

@@ -1,7 +1,6 @@
-/* path.h: the path tracer: one flat loop in which a lane whose path has ended starts its next sample.
+/* path.h: a path, and what happens to it: it starts at the camera and goes from sphere to sphere.
  *
- * A lane owns one pixel and takes the samples [first_sample, first_sample + sample_count) of it, one after the other.
- * Nested sample and bounce loops would leave half the lanes waiting for the longest path (numerics, evidence 7).
+ * rt_path_step() takes it one segment further. Who takes which path, and when, is the business of kernels/tile.h.
  */
 #ifndef RT_PATH_H
 #define RT_PATH_H
@@ -298,56 +297,36 @@ RT_FN rt_vec3 rt_gather_aimed(rt_scene_view view, rt_path path, rt_mask mask)
 }
 #endif
 
-/* Takes the samples of the lanes' pixels (x, y), in image coordinates, where `live`; *segments counts path segments. */
-RT_FN rt_film_sum rt_trace_pixels(rt_scene_view view, rt_uint x, rt_uint y, rt_mask live, rt_u32 first_sample,
-                                  rt_u32 sample_count, RT_PRIVATE rt_uint* segments)
+/* Takes the paths of `live` one segment further and returns those that end with it; *segments counts. */
+RT_FN rt_mask rt_path_step(rt_scene_view view, RT_PRIVATE rt_path* path, rt_uint pixel, rt_uint sample, rt_mask live,
+                           RT_PRIVATE rt_uint* segments)
 {
-	rt_film_sum sum = rt_film_sum_zero();
-	rt_uint traced = rt_splat_u(0u);
-	rt_uint pixel = y * view.scene->width + x;
-	rt_uint sample = rt_splat_u(first_sample);
-	rt_u32 last_sample = first_sample + sample_count - 1u;
-	rt_path path = rt_path_start(view, x, y, sample);
-
-	while (rt_vote_any(live)) {
-		RT_IF_ONE_LANE(live)
-		{
-			rt_hit hit = rt_closest_hit(view, path.ray, live);
-			rt_mask met = hit.index >= rt_splat_i(0);
-			rt_mask missed = live & rt_not(met);
-			rt_mask shade = live & met;
-			rt_mask finished = missed;
-			traced += rt_sel(live, rt_splat_u(1u), rt_splat_u(0u));
+	rt_hit hit = rt_closest_hit(view, path->ray, live);
+	rt_mask met = hit.index >= rt_splat_i(0);
+	rt_mask missed = live & rt_not(met);
+	rt_mask shade = live & met;
+	rt_mask finished = missed;
+	*segments += rt_sel(live, rt_splat_u(1u), rt_splat_u(0u));
 
 #if RT_HAS(RT_FEATURE_SKY)
-			if (rt_any(missed)) {
-				rt_vec3 sky = rt_sky_radiance(view.scene, path.ray.dir);
-				rt_vec3 lit = v3(rt_fma(path.throughput.x, sky.x, path.radiance.x),
-				                 rt_fma(path.throughput.y, sky.y, path.radiance.y),
-				                 rt_fma(path.throughput.z, sky.z, path.radiance.z));
-				path.radiance = v3_sel(missed, lit, path.radiance);
-			}
-#endif
-			if (rt_any(shade))
-				finished = finished | rt_path_scatter(view, &path, hit, pixel, sample, shade);
-#if RT_HAS(RT_FEATURE_LIGHTS)
-			rt_mask aimed = shade & (path.aim.lamp >= rt_splat_i(0));
-			if (rt_any(aimed)) {
-				path.radiance = rt_gather_aimed(view, path, aimed);
-				traced += rt_sel(aimed, rt_splat_u(1u), rt_splat_u(0u));
-			}
-#endif
-
-			if (rt_any(finished)) {
-				sum = rt_film_add(view.scene, sum, finished, path.radiance);
-				live = live & rt_not(finished & (sample == rt_splat_u(last_sample)));
-				sample = rt_sel(finished, sample + 1u, sample);
-				path = rt_path_sel(finished, rt_path_start(view, x, y, sample), path);
-			}
-		}
+	if (rt_any(missed)) {
+		rt_vec3 sky = rt_sky_radiance(view.scene, path->ray.dir);
+		rt_vec3 lit =
+		    v3(rt_fma(path->throughput.x, sky.x, path->radiance.x), rt_fma(path->throughput.y, sky.y, path->radiance.y),
+		       rt_fma(path->throughput.z, sky.z, path->radiance.z));
+		path->radiance = v3_sel(missed, lit, path->radiance);
 	}
-	*segments = traced;
-	return sum;
+#endif
+	if (rt_any(shade))
+		finished = finished | rt_path_scatter(view, path, hit, pixel, sample, shade);
+#if RT_HAS(RT_FEATURE_LIGHTS)
+	rt_mask aimed = shade & (path->aim.lamp >= rt_splat_i(0));
+	if (rt_any(aimed)) {
+		path->radiance = rt_gather_aimed(view, *path, aimed);
+		*segments += rt_sel(aimed, rt_splat_u(1u), rt_splat_u(0u));
+	}
+#endif
+	return finished;
 }
 
 #endif

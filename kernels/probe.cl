@@ -23,7 +23,7 @@
 #define RT_PROBE_RANDOM 15u /* first and last of rt_random(a fixed seed, pixel a, sample b, block c) */
 #define RT_PROBE_BARE \
 	17u /* a * b + c as no kernel writes it: shows whether the compiler fuses. Not asked by the self-test */
-#define RT_PROBE_FILM 16u /* radiance to integer: rt_channel_add and rt_channel_total with scale 2^40 */
+#define RT_PROBE_FILM 16u /* radiance to integer: rt_channel_sample and rt_channel_total with scale 2^40 */
 
 /* One 32x32->64 product or 64-bit sum a lane: scalars, as in rt_channel_total. */
 RT_FN rt_u64 rt_probe_long(rt_u32 operation, rt_u32 a, rt_u32 b, rt_u32 c)
@@ -109,11 +109,8 @@ RT_KERNEL(rt_probe)
 			longs[2u * lane + 1u] = (rt_u32)(value >> 32);
 		}
 	} else if (operation == RT_PROBE_FILM) {
-		rt_channel_sum sum;
+		rt_channel_sum sum = rt_channel_sample(a, 0x1p40f, 0x1p20f);
 		rt_u32 highs[RT_LANES], lows[RT_LANES];
-		sum.high = rt_splat_u(0u);
-		sum.low = rt_splat_u(0u);
-		sum = rt_channel_add(sum, RT_TRUE, a, 0x1p40f, 0x1p20f);
 		rt_store_u(sum.high, highs);
 		rt_store_u(sum.low, lows);
 		for (rt_u32 lane = 0u; lane < RT_LANES; ++lane) {

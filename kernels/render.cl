@@ -1,22 +1,17 @@
-/* render.cl: the entry points of a render. rt_clear empties the film; in rt_render each work-item takes a launch's
- * samples of RT_LANES pixels.
- *
- * Work-items are laid out in tiles of 8x4 pixels, so that the lanes of a warp look the same way. How pixels map to
- * work-items cannot change a bit of the film.
+/* render.cl: the entry points of a render. rt_clear empties the film; rt_render takes a launch's samples of the pixels,
+ * tile by tile (kernels/tile.h); rt_merge adds what was taken in slices.
  */
 #ifndef RT_RENDER_CL
 #define RT_RENDER_CL
 
-#include "kernels/path.h"
+#include "kernels/tile.h"
 
 /* Set by whoever builds the program; 0 says nothing. */
 #ifndef RT_PROGRAM_ID
 #define RT_PROGRAM_ID 0u
 #endif
 
-#define RT_TILE_WIDTH 8u
-#define RT_TILE_ROWS 4u
-#define RT_TILE_PIXELS (RT_TILE_WIDTH * RT_TILE_ROWS)
+#define RT_LESSER(a, b) ((a) < (b) ? (a) : (b))
 
 RT_KERNEL(rt_clear)(RT_GLOBAL rt_film_pixel* RT_RESTRICT film, rt_u32 pixels)
 {
@@ -78,49 +73,22 @@ RT_KERNEL(rt_render)
 	view.texels = texels;
 	view.lights = lights;
 
-	/* Lanes are neighbours in a tile, so a work-item never straddles two tiles. */
-	rt_u32 tiles_across = (scene->window_width + (RT_TILE_WIDTH - 1u)) / RT_TILE_WIDTH;
-	rt_u32 first_slot = RT_GLOBAL_ID * RT_LANES;
-	rt_u32 slice_tiles = tiles_across * ((row_count + (RT_TILE_ROWS - 1u)) / RT_TILE_ROWS);
-	rt_u32 slice = first_slot / RT_TILE_PIXELS / slice_tiles;
-	rt_u32 tile = first_slot / RT_TILE_PIXELS % slice_tiles;
-	rt_uint slot = (first_slot % RT_TILE_PIXELS) + rt_lane_ids();
-	rt_uint column = (tile % tiles_across) * RT_TILE_WIDTH + slot % RT_TILE_WIDTH;
-	rt_uint row = first_row + (tile / tiles_across) * RT_TILE_ROWS + slot / RT_TILE_WIDTH;
+	rt_u32 tiles_across = RT_TILES(scene->window_width, 1u, RT_LANES);
+	rt_u32 slice_tiles = RT_TILES(scene->window_width, row_count, RT_LANES);
+	rt_u32 slice = RT_GLOBAL_ID / RT_TILE_ITEMS(RT_LANES) / slice_tiles;
+	rt_u32 place = RT_GLOBAL_ID / RT_TILE_ITEMS(RT_LANES) % slice_tiles;
 	/* The first slices take one sample more where the count cannot be shared out evenly. */
 	rt_u32 share = sample_count / slices, rest = sample_count % slices;
-	rt_u32 slice_first = slice * share + (slice < rest ? slice : rest); /* int */
-	share += slice < rest ? 1u : 0u;
-	rt_mask live = (column < rt_splat_u(scene->window_width)) & (row < rt_splat_u(first_row + row_count)) &
-	               (rt_splat_u(slice) < rt_splat_u(share == 0u ? 0u : slices));
-
-	rt_uint segments;
-	rt_film_sum sum = rt_trace_pixels(view, column + scene->window_x, row + scene->window_y, live,
-	                                  first_sample + slice_first, share, &segments);
-
-	rt_u32 columns[RT_LANES], rows[RT_LANES], tally_segments[RT_LANES], rejected[RT_LANES];
-	rt_u32 r_high[RT_LANES], r_low[RT_LANES], g_high[RT_LANES], g_low[RT_LANES], b_high[RT_LANES], b_low[RT_LANES];
-	rt_store_u(column, columns);
-	rt_store_u(row, rows);
-	rt_store_u(segments, tally_segments);
-	rt_store_u(sum.rejected, rejected);
-	rt_store_u(sum.r.high, r_high);
-	rt_store_u(sum.r.low, r_low);
-	rt_store_u(sum.g.high, g_high);
-	rt_store_u(sum.g.low, g_low);
-	rt_store_u(sum.b.high, b_high);
-	rt_store_u(sum.b.low, b_low);
-	for (rt_u32 lane = 0u; lane < RT_LANES; ++lane) {
-		if (columns[lane] < scene->window_width && rows[lane] < first_row + row_count && slice < slices) {
-			/* The first pixel's index may exceed 32 bits in bytes, never in pixels. */
-			RT_GLOBAL rt_film_pixel* pixel =
-			    &film[slice * slice_pixels + rows[lane] * scene->window_width + columns[lane]]; /* int */
-			pixel->r += rt_channel_total(r_high[lane], r_low[lane], share);
-			pixel->g += rt_channel_total(g_high[lane], g_low[lane], share);
-			pixel->b += rt_channel_total(b_high[lane], b_low[lane], share);
-			pixel->tally += (rt_i64)tally_segments[lane] + ((rt_i64)rejected[lane] << RT_TALLY_REJECTED_SHIFT);
-		}
-	}
+	rt_tile tile;
+	tile.column = place % tiles_across * RT_TILE_WIDTH;
+	tile.row = first_row + place / tiles_across * RT_TILE_ROWS(RT_LANES); /* int */
+	tile.end_column = tile.column + RT_LESSER(RT_TILE_WIDTH, scene->window_width - tile.column);
+	tile.end_row =
+	    tile.row + (slice < slices ? RT_LESSER(RT_TILE_ROWS(RT_LANES), first_row + row_count - tile.row) : 0u);
+	tile.first_sample = first_sample + slice * share + (slice < rest ? slice : rest); /* int */
+	tile.sample_count = slice < slices ? share + (slice < rest ? 1u : 0u) : 0u;
+	tile.first_pixel = slice * slice_pixels;
+	rt_trace_tile(view, tile, RT_GLOBAL_ID % RT_TILE_ITEMS(RT_LANES), film);
 }
 
 #endif

@@ -378,9 +378,8 @@ private:
 			scene.window_y += part.window.y - part.first_row; // may wrap: the kernel's sum wraps back
 			scene.window_width = width;
 			scene.window_height = part.window.height;
-			// Tiles of 8x4 pixels, 32 / lanes work-items each (kernels/render.cl).
-			const std::uint64_t tiles = std::uint64_t((width + 7) / 8) * ((work.rows + 3) / 4);
-			RT_TRY(device_->launch(program_, "rt_render", tiles * slices_ * 32 / stats_.lanes,
+			const std::uint64_t tiles = RT_TILES(std::uint64_t(width), work.rows, stats_.lanes);
+			RT_TRY(device_->launch(program_, "rt_render", tiles * slices_ * RT_TILE_ITEMS(stats_.lanes),
 			                       {by_value(scene), by_value(few_), spheres_, wide_, ids_, sphere_materials_, bvh_,
 			                        materials_, textures_, texels_, lights_, film_, part.first_row + work.first_row,
 			                        work.rows, work.first_sample, work.samples, slices_,

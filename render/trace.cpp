@@ -14,8 +14,6 @@ namespace {
 
 // kernels/trace.h
 constexpr std::size_t log_header_words = 4, log_note_words = 5, log_items = 256;
-// A tile of the render kernel; all but one of its pixels lie outside of a window of one.
-constexpr std::uint32_t tile_pixels = 32;
 
 using Place = std::tuple<std::uint32_t, std::uint32_t, std::uint32_t>;
 
@@ -146,7 +144,8 @@ Result<rt_film_pixel> Tracer::film()
 Result<rt_film_pixel> Tracer::render(const PixelLaunch& launch, std::uint32_t max_depth)
 {
 	RT_TRY_ASSIGN(const std::vector<Argument> values, arguments(ordinary_scene_, launch, max_depth));
-	RT_TRY(device_->launch(ordinary_, "rt_render", tile_pixels / lanes_, values));
+	// All pixels of the tile but one lie outside of the window.
+	RT_TRY(device_->launch(ordinary_, "rt_render", RT_TILE_ITEMS(lanes_), values));
 	return film();
 }
 

@@ -19,11 +19,11 @@ constexpr Told told[] = {
     {"rt_path_start", "path.ray.arm", "ray arm"},
     {"rt_path_start", "path.ray.reach", "ray reach"},
     {"rt_path_start", "path.ray.dir", "ray direction"},
-    {"rt_trace_pixels", "hit.t", "t"},
-    {"rt_trace_pixels", "hit.index", "sphere, as stored"},
-    {"rt_trace_pixels", "hit.id", "sphere id"},
-    {"rt_trace_pixels", "sky", "sky"},
-    {"rt_trace_pixels", "path.radiance", "radiance so far"},
+    {"rt_path_step", "hit.t", "t"},
+    {"rt_path_step", "hit.index", "sphere, as stored"},
+    {"rt_path_step", "hit.id", "sphere id"},
+    {"rt_path_step", "sky", "sky"},
+    {"rt_path_step", "path->radiance", "radiance so far"},
     {"rt_path_scatter", "surface.normal", "normal"},
     {"rt_path_scatter", "material", "material"},
     {"rt_path_scatter", "kind", "its kind"},
@@ -37,7 +37,7 @@ constexpr Told told[] = {
     {"rt_path_scatter", "path->ray.reach", "ray reach"},
     {"rt_path_scatter", "path->ray.dir", "ray direction"},
     {"rt_path_scatter", "path->ray.chord", "chord"},
-    {"rt_film_add", "radiance", "radiance"},
+    {"rt_film_sample", "radiance", "radiance"},
 };
 
 const char* name_told(const TraceSite& site)
@@ -88,7 +88,7 @@ private:
 			steps_.push_back({fmt::format("segment {}", segments_++), {}});
 		} else if (function == "rt_path_scatter") {
 			steps_.push_back({fmt::format("scattering {}", segments_), {}});
-		} else if (function == "rt_film_add") {
+		} else if (function == "rt_film_sample") {
 			steps_.push_back({"film", {}});
 		}
 	}

@@ -24,8 +24,7 @@ double double_rcp(double x) { return rt_rcp(x); }
 
 std::int64_t double_film_integer(double v)
 {
-	rt_channel_sum sum{};
-	sum = rt_channel_add(sum, RT_TRUE, v, 0x1p40f, 0x1p20f);
+	const rt_channel_sum sum = rt_channel_sample(v, 0x1p40f, 0x1p20f);
 	return rt_channel_total(sum.high, sum.low, 1);
 }
 

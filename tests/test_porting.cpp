@@ -121,7 +121,7 @@ TEST_CASE("trace names the place where the port leaves the contract", "[porting]
 	};
 	check_place("dot", " in v3_dot, kernels/vec.h:");
 	check_place("quadratic", "rt_sphere_foot in rt_wide_distance, kernels/sphere.h:");
-	check_place("sums", " in rt_channel_add, kernels/film.h:");
+	check_place("sums", " in rt_channel_sample, kernels/film.h:");
 }
 
 TEST_CASE("the suite runs over one backend more", "[porting]")

@@ -3,6 +3,7 @@
 #include "backends/precision.h"
 #include "backends/reference/reference_kernels.h"
 #include "common/rt_features.h"
+#include "common/rt_structs.h"
 #include "support/float_environment.h"
 #include "support/thread_pool.h"
 
@@ -209,9 +210,9 @@ public:
 				places.push_back(&scalars.back());
 			}
 		}
-		// A tile of 32 pixels is a piece unless the caller wants other groups.
-		const std::uint32_t tile_items = 32 / host_program->lanes();
-		parallel_for(items, group_size ? group_size : tile_items, [&](std::uint64_t begin, std::uint64_t end) {
+		// A tile is a piece unless the caller wants other groups; the items of other kernels are small.
+		const std::uint32_t piece = entry == "rt_render" ? RT_TILE_ITEMS(host_program->lanes()) : 64;
+		parallel_for(items, group_size ? group_size : piece, [&](std::uint64_t begin, std::uint64_t end) {
 			std::optional<FlushingFloatEnvironment> flushing;
 			if (host_program->flushes())
 				flushing.emplace();

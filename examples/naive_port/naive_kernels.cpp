@@ -60,11 +60,19 @@ RT_FN void rt_sincos_turns(rt_float u, RT_PRIVATE rt_float* sine, RT_PRIVATE rt_
 )";
 
 // A float for each channel, which the sum's first word keeps.
-const char* const float_add = R"(
-RT_FN rt_channel_sum rt_channel_add(rt_channel_sum sum, rt_mask finished, rt_float v, float scale, float scale_high)
+const char* const float_sample = R"(
+RT_FN rt_channel_sum rt_channel_sample(rt_float v, float scale, float scale_high)
 {
-	rt_float total = rt_from_bits(sum.high) + rt_sel(finished, v * scale, rt_splat(0.0f));
-	sum.high = rt_bits(total);
+	rt_channel_sum one;
+	one.high = rt_bits(v * scale);
+	one.low = rt_splat_u(0u);
+	return one;
+}
+)";
+const char* const float_add = R"(
+RT_FN rt_channel_sum rt_channel_add(rt_channel_sum sum, rt_mask mask, rt_channel_sum other)
+{
+	sum.high = rt_bits(rt_from_bits(sum.high) + rt_sel(mask, rt_from_bits(other.high), rt_splat(0.0f)));
 	return sum;
 }
 )";
@@ -120,7 +128,8 @@ const std::vector<NaiveHabit>& naive_habits()
 	      instead_of(sphere, "RT_FN rt_surface rt_sphere_surface(", "rt_sphere_surface", surface),
 	      {sphere, "rt_mask inward = ray.chord > rt_splat(0.0f);", "rt_mask inward = RT_FALSE;"}}},
 	    {"sums",
-	     {instead_of(film, "RT_FN rt_channel_sum rt_channel_add(", "rt_channel_add", float_add),
+	     {instead_of(film, "RT_FN rt_channel_sum rt_channel_sample(", "rt_channel_sample", float_sample),
+	      instead_of(film, "RT_FN rt_channel_sum rt_channel_add(", "rt_channel_add", float_add),
 	      instead_of(film, "RT_FN rt_i64 rt_channel_total(", "rt_channel_total", float_total)}},
 	};
 	return habits;

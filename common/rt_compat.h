@@ -309,8 +309,9 @@ typedef RT_JOIN(int, RT_LANES) rt_mask;
 #define rt_store_f(x, pointer) RT_JOIN(vstore, RT_LANES)((x), 0, (pointer))
 #define rt_load_u(pointer) RT_JOIN(vload, RT_LANES)(0, (pointer))
 #define rt_load_f(pointer) RT_JOIN(vload, RT_LANES)(0, (pointer))
-/* The i-th RT_LANES floats from a row on */
-#define rt_load_rows(row, i) RT_JOIN(vload, RT_LANES)((i), (RT_GLOBAL const float*)(row))
+/* The i-th RT_LANES floats from a row on. Not by vload's own offset: a 32-bit product could wrap within a vector, and
+ * PoCL then loads its halves one by one. */
+#define rt_load_rows(row, i) RT_JOIN(vload, RT_LANES)(0, &((RT_GLOBAL const float*)(row))[RT_LANES * (i)])
 #define rt_bits_one(x) as_uint(x)
 
 #define RT_LANE(i, n) (i).s##n

@@ -220,27 +220,43 @@ RT_FN void rt_bvh_hit_lane(rt_scene_view view, RT_PRIVATE rt_ray_store* store, r
 			           rt_min(rt_fma(rt_load_rows(node, 5u - flip_z), slabs.inverse.z, slabs.far_shift.z), limit));
 			rt_mask reached = entry <= leave;
 			if (rt_any(reached)) {
-				/* Push the children that it reaches, the nearest last. */
+				/* Go on with the nearest child that it reaches, and push the others, the nearer the later. */
 				float lane_entry[RT_LANES];
 				rt_u32 lane_link[RT_LANES];
 				rt_u32 first = top;
 				rt_u32 left = rt_mask_bits(reached);
+				float next_entry = RT_MAX_FLOAT;
+				link = RT_BVH_NONE;
 				rt_store_f(entry, lane_entry);
 				rt_store_u(rt_bits(rt_load_rows(node, 6u)), lane_link);
-				while (left != 0u) {
+				do {
 					rt_u32 k = rt_lowest_bit(left);
+					rt_u32 further = lane_link[k];
+					float further_entry = lane_entry[k];
 					left &= left - 1u;
-					if (lane_link[k] == RT_BVH_NONE) /* a ray of infinite numbers reaches empty places too */
+					if (further == RT_BVH_NONE) /* a ray of infinite numbers reaches empty places too */
 						continue;
-					rt_u32 place = top++;
-					while (place > first && entries[place - 1u] < lane_entry[k]) {
-						entries[place] = entries[place - 1u];
-						stack[place] = stack[place - 1u];
-						--place;
+					if (link == RT_BVH_NONE || further_entry < next_entry) {
+						rt_u32 other = link;
+						float other_entry = next_entry;
+						link = further;
+						next_entry = further_entry;
+						further = other;
+						further_entry = other_entry;
 					}
-					entries[place] = lane_entry[k];
-					stack[place] = lane_link[k];
-				}
+					if (further != RT_BVH_NONE) {
+						rt_u32 place = top++;
+						while (place > first && entries[place - 1u] < further_entry) {
+							entries[place] = entries[place - 1u];
+							stack[place] = stack[place - 1u];
+							--place;
+						}
+						entries[place] = further_entry;
+						stack[place] = further;
+					}
+				} while (left != 0u);
+				if (link != RT_BVH_NONE)
+					continue;
 			}
 		} else {
 			/* A block: the index of its first sphere and the number of them, then centres and radii side by side. */

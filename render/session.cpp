@@ -332,6 +332,13 @@ private:
 		return device_->write(buffer, 0, data, bytes);
 	}
 
+	// A work-item of several lanes has a tile's work: a group of them would only make the driver keep each one's
+	// stacks.
+	std::uint32_t group_size() const
+	{
+		return shared_.options.group_size ? shared_.options.group_size : stats_.lanes > 1 ? 1 : 0;
+	}
+
 	// How many parts a pixel's samples are taken in, so that a GPU has enough to do.
 	std::uint32_t slices_for(const Page& page, std::uint32_t samples) const
 	{
@@ -384,7 +391,7 @@ private:
 			                        materials_, textures_, texels_, lights_, film_, part.first_row + work.first_row,
 			                        work.rows, work.first_sample, work.samples, slices_,
 			                        static_cast<std::uint32_t>(page_->pixels)},
-			                       shared_.options.group_size));
+			                       group_size()));
 			samples += std::uint64_t(width) * work.rows * work.samples;
 		}
 		RT_TRY(device_->wait());

@@ -77,9 +77,10 @@ std::vector<Planted> planted_faults(const TestDevice& device)
 	    {{"a lost sign of the film's low sum", {{film, "(rt_i64)(rt_i32)(low - bias)", "(rt_i64)(low - bias)"}}},
 	     {"conversion"}},
 	    {{"a lost carry in the film",
-	      {{"kernels/render.cl", "pixel->g += rt_channel_total(g_high[lane], g_low[lane], share);",
-	        "{ rt_i64 total = rt_channel_total(g_high[lane], g_low[lane], share); pixel->g = (((pixel->g >> 32) "
-	        "+ "
+	      {{"kernels/tile.h", "pixel->g += rt_channel_total(g_high[lane], g_low[lane], tile.sample_count);",
+	        "{ rt_i64 total = rt_channel_total(g_high[lane], g_low[lane], tile.sample_count); pixel->g = (((pixel->g "
+	        ">> "
+	        "32) + "
 	        "(total >> 32)) << 32) | (rt_i64)((rt_u32)pixel->g + (rt_u32)total); }"}}},
 	     {"addition"}},
 	    {{"a wrong random dimension", {{"kernels/path.h", "rt_to_uint(path->depth + 1)", "rt_to_uint(path->depth)"}}},

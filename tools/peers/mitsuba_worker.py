@@ -3,13 +3,13 @@
     mitsuba_worker.py JOB.json      writes one JSON object to standard output
 
 JOB: variant, scene (what `rt info --json` says), spheres (file of `rt info --spheres`), width, height, samples,
-rr_depth (null: Mitsuba's default), threads, repeats, image (file for the last film as raw floats, or null), seed.
+rr_depth (null: Mitsuba's default), slope_of_fuzz, threads, repeats, image (file for the last film as raw floats, or
+null), seed.
 
 Mitsuba's roughconductor is the nearest it has to a fuzzy metal, so images agree in cost and not in every pixel.
 """
 
 import json
-import resource
 import sys
 import time
 
@@ -24,7 +24,7 @@ def rgb(value):
     return {"type": "rgb", "value": list(value)}
 
 
-def bsdf_of(material, hollow):
+def bsdf_of(material, hollow, slope_of_fuzz):
     kind = material["kind"]
     if material["texture"] is not None or any(material["emission"]):
         raise SystemExit(f"a {kind} with a texture or an emission is not translated")
@@ -33,7 +33,7 @@ def bsdf_of(material, hollow):
     if kind == "metal":
         surface = {"type": "conductor", "material": "none", "specular_reflectance": rgb(material["albedo"])}
         if material["fuzz"] > 0:
-            surface.update({"type": "roughconductor", "alpha": material["fuzz"]})
+            surface.update({"type": "roughconductor", "alpha": slope_of_fuzz * material["fuzz"]})
         return {"type": "twosided", "bsdf": surface}
     if kind == "dielectric":
         return {"type": "dielectric", "int_ior": 1 / material["ior"] if hollow else material["ior"], "ext_ior": 1.0}
@@ -52,13 +52,13 @@ def sky_of(sky):
     return {"type": "envmap", "bitmap": mi.Bitmap(np.ascontiguousarray(image))}
 
 
-def shapes_of(scene, path):
+def shapes_of(scene, path, slope_of_fuzz):
     spheres = np.fromfile(path, dtype="<f4").reshape(-1, 4)
     materials = np.fromfile(path + ".materials", dtype="<u4")
     shapes = {}
     if len(spheres) <= MOST_SINGLE_SHAPES:
         for i, (x, y, z, radius) in enumerate(spheres.tolist()):
-            surface = bsdf_of(scene["material_list"][materials[i]], radius < 0)
+            surface = bsdf_of(scene["material_list"][materials[i]], radius < 0, slope_of_fuzz)
             shapes[f"sphere{i}"] = {"type": "sphere", "center": [x, y, z], "radius": abs(radius), "bsdf": surface}
         return shapes
     for i, material in enumerate(scene["material_list"]):
@@ -72,7 +72,7 @@ def shapes_of(scene, path):
         shapes[f"set{i}"] = {"type": "ellipsoids", "centers": mi.TensorXf(np.ascontiguousarray(own[:, :3])),
                              "scales": mi.TensorXf(np.repeat(own[:, 3:], 3, axis=1)),
                              "quaternions": mi.TensorXf(quaternions), "extent": 1.0,
-                             "bsdf": bsdf_of(material, False)["bsdf"]}
+                             "bsdf": bsdf_of(material, False, slope_of_fuzz)["bsdf"]}
     return shapes
 
 
@@ -95,7 +95,7 @@ def scene_of(job):
     sky = sky_of(scene["sky"])
     if sky:
         world["sky"] = sky
-    world.update(shapes_of(scene, job["spheres"]))
+    world.update(shapes_of(scene, job["spheres"], job["slope_of_fuzz"]))
     return mi.load_dict(world)
 
 
@@ -118,8 +118,7 @@ def main():
     if job["image"]:
         image.astype("<f4").tofile(job["image"])
     json.dump({"version": mi.__version__, "load_seconds": load, "first_seconds": seconds[0], "seconds": seconds[1:],
-               "mean": float(image.mean()),
-               "peak_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024}, sys.stdout)
+               "mean": float(image.mean(dtype=np.float64))}, sys.stdout)
 
 
 main()

@@ -94,6 +94,24 @@ CacheKey measurement_key(const Tradeoff& measured, const DeviceInfo& device, con
 	                              static_cast<int>(render.bvh), render.lanes, cache_environment()));
 }
 
+std::optional<Tradeoff> load_measurement(const CacheKey& key)
+{
+	const auto payload = cache_load(key);
+	if (!payload)
+		return std::nullopt;
+	Result<Tradeoff> measured = tradeoff_of_json(std::string(payload->begin(), payload->end()));
+	if (!measured)
+		return std::nullopt;
+	return std::move(*measured);
+}
+
+// Points that tell an error and not only a bound of it.
+std::ptrdiff_t fullness(const Tradeoff& measured)
+{
+	return std::count_if(measured.points.begin(), measured.points.end(),
+	                     [](const TradePoint& point) { return !point.error.is_bound; });
+}
+
 class TradeoffRun {
 public:
 	TradeoffRun(const TradeoffOptions& options, const TradeoffHooks& hooks) : options_(options), hooks_(hooks) {}
@@ -501,7 +519,8 @@ private:
 		return success();
 	}
 
-	// A measurement for each device, as if it had been the only one.
+	// A measurement for each device, as if it had been the only one. One that got less far than an older one leaves
+	// that: points of both are not mixed, because times of different hours do not compare.
 	void remember() const
 	{
 		for (std::size_t device = 0; device < measured_.devices.size(); ++device) {
@@ -517,8 +536,11 @@ private:
 			if (alone.points.empty())
 				continue; // it would keep others from measuring
 			mark_front(alone.points);
+			const CacheKey key = measurement_key(alone, alone.devices[0], options_.render);
+			if (const auto older = load_measurement(key); older && fullness(*older) > fullness(alone))
+				continue;
 			const std::string text = tradeoff_json(alone).dump();
-			cache_store(measurement_key(alone, alone.devices[0], options_.render), {text.begin(), text.end()});
+			cache_store(key, {text.begin(), text.end()});
 		}
 	}
 
@@ -549,10 +571,7 @@ std::optional<Tradeoff> remembered_tradeoff(const TradeoffOptions& options)
 	Result<Tradeoff> plan = TradeoffRun(options, {}).plan();
 	if (!plan || plan->devices.size() != 1)
 		return std::nullopt;
-	const auto payload = cache_load(measurement_key(*plan, plan->devices[0], options.render));
-	if (!payload)
-		return std::nullopt;
-	Result<Tradeoff> measured = tradeoff_of_json(std::string(payload->begin(), payload->end()));
+	std::optional<Tradeoff> measured = load_measurement(measurement_key(*plan, plan->devices[0], options.render));
 	if (!measured)
 		return std::nullopt;
 	// The image may be another.
@@ -561,7 +580,7 @@ std::optional<Tradeoff> remembered_tradeoff(const TradeoffOptions& options)
 	measured->image_height = plan->image_height;
 	measured->image_samples = plan->image_samples;
 	measured->devices = plan->devices;
-	return std::move(*measured);
+	return measured;
 }
 
 TradeoffAdvice advice_for(const Tradeoff& measured, const TradeoffOptions& options)

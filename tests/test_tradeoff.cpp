@@ -402,6 +402,7 @@ TEST_CASE("tradeoff: one small run, as a program sees it")
 		if (each.at("on_front"))
 			best = error;
 		CHECK(each.at("film_hash").get<std::string>().size() == 32);
+		CHECK(each.at("cpu_seconds").get<double>() > 0);
 		if (each.at("precision") == "exact" && each.at("sampler") == "independent" && each.at("estimator") == "path")
 			(each.at("samples") == 1 ? exact_1 : exact_64) = each.at("rel_rmse");
 	}

@@ -47,9 +47,9 @@ struct OpenDevice {
 struct Cell {
 	std::size_t device = 0;
 	Configuration configuration;
-	std::vector<double> seconds;
-	double wall = 0;      // seconds that one render of the last number of samples took, all in all
-	double comparing = 0; // seconds beside
+	std::vector<double> seconds, cores; // of the clock, and of all cores together
+	double wall = 0;                    // seconds that one render of the last number of samples took, all in all
+	double comparing = 0;               // seconds beside
 	std::string film_hash;
 	Film film;
 	bool out = false; // its next number of samples takes too long
@@ -421,8 +421,10 @@ private:
 		                                            : std::min(double(options_.limit_seconds),
 		                                                       seconds_since(start_) + expected(cells, more));
 		std::vector<double> walls(cells.size(), 0.0);
-		for (Cell& cell : cells)
+		for (Cell& cell : cells) {
 			cell.seconds.clear();
+			cell.cores.clear();
+		}
 		for (bool again = true; again;) {
 			again = false;
 			for (std::size_t i = 0; i < cells.size(); ++i) {
@@ -477,8 +479,10 @@ private:
 
 	Status measure(Cell& cell, std::uint32_t samples, double all)
 	{
+		const double before = cpu_seconds();
 		RT_TRY_ASSIGN(SessionResult result, render(devices_[cell.device], cell.configuration, measured_.settings.seed,
 		                                           0, samples, title(cell, samples), all));
+		const double cores = cpu_seconds() - before;
 		if (result.interrupted)
 			return success();
 		const std::string hash = result.film.hash().hex();
@@ -491,6 +495,7 @@ private:
 		cell.film_hash = hash;
 		cell.film = std::move(result.film);
 		cell.seconds.push_back(result.render_seconds);
+		cell.cores.push_back(cores);
 		return success();
 	}
 
@@ -504,6 +509,8 @@ private:
 		point.seconds = *least;
 		point.most_seconds = *most;
 		point.repeats = static_cast<std::uint32_t>(cell.seconds.size());
+		if (measured_.devices[cell.device].is_processor())
+			point.cpu_seconds = *std::min_element(cell.cores.begin(), cell.cores.end());
 		point.film_hash = cell.film_hash;
 		RT_TRY_ASSIGN(point.error, error_against(cell.film, reference_));
 		measured_.points.push_back(std::move(point));

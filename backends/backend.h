@@ -58,6 +58,9 @@ struct DeviceInfo {
 	bool usable = true;
 	std::string why_not;      // when not usable
 	int index_in_backend = 0; // what open() uses to find it again
+
+	// The host's own cores do its work, so that their time is its time.
+	bool is_processor() const { return kind == DeviceKind::Host || kind == DeviceKind::Cpu; }
 };
 
 // "AMD EPYC (opencl)": a device in a message.

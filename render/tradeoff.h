@@ -97,6 +97,9 @@ struct TradePoint {
 	double seconds = 0;      // of rendering alone, the least of the repeats: whatever else runs only adds
 	double most_seconds = 0; // the worst of them
 	std::uint32_t repeats = 1;
+	// The least that cores spent on it, all together; only of devices whose work they do. What else runs on the machine
+	// hardly adds to it, so that ratios hold where those of `seconds` do not.
+	std::optional<double> cpu_seconds;
 	ImageError error;
 	std::string film_hash;
 	bool on_front = false;

@@ -45,8 +45,8 @@ TEST_CASE("every shipped scene is read")
 		CHECK(same->base.hash == file->base.hash);
 		names.insert(name);
 	}
-	CHECK(names == std::set<std::string>{"closed", "cornell", "floating", "furnace", "one-sphere", "orbit", "planets",
-	                                     "three-spheres", "weekend"});
+	CHECK(names == std::set<std::string>{"closed", "cornell", "floating", "furnace", "lamp", "one-sphere", "orbit",
+	                                     "planets", "three-spheres", "weekend"});
 }
 
 TEST_CASE("what the shipped scenes promise")
@@ -89,6 +89,24 @@ TEST_CASE("what the shipped scenes promise")
 		CHECK(outside_walls(cornell.camera.from, 1));
 		for (std::size_t i = 6; i < 9; ++i)
 			CHECK(outside_walls(cornell.spheres[i].center, cornell.spheres[i].radius - 0.1));
+	}
+	SECTION("the lamp is small, the only one, and shines on matte and metal from near by")
+	{
+		const Scene lamp = scene("lamp");
+		REQUIRE(lamp.spheres.size() == 24);
+		const Sphere &ground = lamp.spheres.front(), &bulb = lamp.spheres.back();
+		for (const Sphere& sphere : lamp.spheres) {
+			const Material::Kind kind = lamp.materials[sphere.material].kind;
+			CHECK((kind == Material::Kind::Light) == (&sphere == &bulb));
+			CHECK(kind != Material::Kind::Dielectric);
+			if (&sphere == &bulb || &sphere == &ground)
+				continue;
+			CHECK(distance(sphere.center, bulb.center) > 10 * bulb.radius + sphere.radius);
+			// They stand on the ground, and apart.
+			CHECK(distance(sphere.center, ground.center) == Approx(ground.radius + sphere.radius).margin(1e-3));
+			for (const Sphere* other = &sphere + 1; other != &bulb; ++other)
+				CHECK(distance(sphere.center, other->center) > sphere.radius + other->radius);
+		}
 	}
 	SECTION("weekend is the book's scene")
 	{

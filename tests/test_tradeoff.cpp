@@ -114,6 +114,19 @@ Json tradeoff(const Directory& directory, const std::string& more = "", int refe
 	return Json::parse(outcome.out);
 }
 
+// The files of the cache that hold the halves of references.
+std::vector<std::string> remembered_references(const Directory& directory)
+{
+	std::vector<std::string> found;
+	const std::filesystem::path kernels = directory / "cache/kernels";
+	if (!std::filesystem::exists(kernels))
+		return found;
+	for (const auto& entry : std::filesystem::directory_iterator(kernels))
+		if (file_text(entry.path().string()).find("RTFILM") != std::string::npos)
+			found.push_back(entry.path().string());
+	return found;
+}
+
 // Runs rt until its progress has `sign` in it, then sends SIGINT; the exit status.
 int run_until(const Directory& directory, std::vector<std::string> arguments, const std::string& sign)
 {
@@ -389,6 +402,7 @@ TEST_CASE("tradeoff: one small run, as a program sees it")
 		if (each.at("on_front"))
 			best = error;
 		CHECK(each.at("film_hash").get<std::string>().size() == 32);
+		CHECK(each.at("cpu_seconds").get<double>() > 0);
 		if (each.at("precision") == "exact" && each.at("sampler") == "independent" && each.at("estimator") == "path")
 			(each.at("samples") == 1 ? exact_1 : exact_64) = each.at("rel_rmse");
 	}
@@ -416,17 +430,14 @@ TEST_CASE("tradeoff: one small run, as a program sees it")
 	SECTION("the reference is remembered, unless a bit of it has changed")
 	{
 		CHECK(tradeoff(directory).at("reference").at("remembered") == 256);
-		std::size_t altered = 0;
-		for (const auto& entry : std::filesystem::directory_iterator(directory / "cache/kernels")) {
-			const std::string path = entry.path().string(), bytes = file_text(path);
-			if (bytes.find("RTFILM") == std::string::npos)
-				continue;
+		const std::vector<std::string> halves = remembered_references(directory);
+		CHECK(halves.size() == 2);
+		for (const std::string& path : halves) {
+			const std::string bytes = file_text(path);
 			std::fstream file(path, std::ios::in | std::ios::out | std::ios::binary);
 			file.seekp(std::streamoff(bytes.size() / 2));
 			file.put(static_cast<char>(bytes[bytes.size() / 2] ^ 1));
-			altered += 1;
 		}
-		CHECK(altered == 2);
 		const Json again = tradeoff(directory);
 		CHECK(again.at("reference").at("remembered") == 0);
 		CHECK(again.at("reference").at("film_hash") == json.at("reference").at("film_hash"));
@@ -460,6 +471,39 @@ TEST_CASE("tradeoff: one small run, as a program sees it")
 		CHECK(run_rt(directory, "render --auto-precision").status == 2);
 		CHECK(run_rt(directory, "render --target-error 0.1").status == 2);
 	}
+}
+
+TEST_CASE("tradeoff: the fuller of two measurements is remembered, whichever came first")
+{
+	const bool fuller_first = GENERATE(true, false);
+	INFO(fuller_first);
+	const Directory directory;
+	Json fuller;
+	for (const bool is_fuller : {fuller_first, !fuller_first}) {
+		// Without its reference a run is as short as it is asked to be.
+		for (const std::string& path : remembered_references(directory))
+			std::filesystem::remove(path);
+		const Json measured = tradeoff(directory, "", is_fuller ? 256 : 64);
+		if (is_fuller)
+			fuller = measured;
+		else
+			CHECK(measured.at("reference").at("samples") == 64);
+	}
+	double least = 1e300;
+	for (const Json& each : fuller.at("points"))
+		if (!each.at("is_bound"))
+			least = std::min(least, each.at("rel_rmse").get<double>());
+	// An error that only the fuller one met. The shorter one alone has to guess: that it can be told is the control.
+	const std::string render = "render three-spheres --backend reference --auto-precision --size 24x18 -o '" +
+	                           (directory / "image.png") + "' --target-error " + std::to_string(1.001 * least);
+	CHECK(run_rt(directory, render).status == 0);
+	CHECK(file_text(directory / "errors").find("by what was measured") != std::string::npos);
+	CHECK(file_text(directory / "errors").find("extrapolated") == std::string::npos);
+
+	const Directory control;
+	tradeoff(control, "", 64);
+	CHECK(run_rt(control, render).status == 0);
+	CHECK(file_text(control / "errors").find("extrapolated") != std::string::npos);
 }
 
 TEST_CASE("tradeoff: where the reference takes all the time it is told, and nothing is remembered")

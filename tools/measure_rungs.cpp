@@ -15,6 +15,7 @@
 #include "render/scene_file.h"
 #include "render/session.h"
 #include "render/tradeoff.h"
+#include "support/clock.h"
 #include "support/files.h"
 #include "tools/measuring.h"
 #include "tools/report.h"
@@ -27,7 +28,6 @@
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
-#include <ctime>
 #include <optional>
 #include <string>
 #include <utility>
@@ -178,8 +178,6 @@ std::vector<Rung> rungs_of(const DeviceInfo& info)
 	return all;
 }
 
-double cpu_seconds() { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
-
 double median(std::vector<double> values)
 {
 	std::sort(values.begin(), values.end());
@@ -267,12 +265,6 @@ public:
 	}
 
 private:
-	// A processor's time is counted on all cores, and not while others have them.
-	bool on_processor() const
-	{
-		return device_->info().kind == DeviceKind::Host || device_->info().kind == DeviceKind::Cpu;
-	}
-
 	Result<SessionResult> render(const Scene& scene, const Rung& rung, std::uint32_t seed, std::uint32_t samples)
 	{
 		RenderSettings settings = settings_;
@@ -298,7 +290,8 @@ private:
 				const double start = cpu_seconds();
 				RT_TRY_ASSIGN(SessionResult result, render(scene, rung, settings_.seed, settings_.samples));
 				if (round > 0)
-					rung.seconds.push_back(on_processor() ? cpu_seconds() - start : result.render_seconds);
+					rung.seconds.push_back(device_->info().is_processor() ? cpu_seconds() - start
+					                                                      : result.render_seconds);
 				rung.film = std::move(result.film);
 			}
 		if (has_terminal(stderr))
@@ -313,9 +306,9 @@ private:
 			return Error{ErrorKind::Usage, "the device has no double precision", "--against double", "take another one",
 			             ""};
 		const Rung& base = wanted_.against == "double" ? all.back() : exact;
-		std::vector<std::vector<std::string>> rows = {{"rung", on_processor() ? ">CPU seconds" : ">seconds",
-		                                               ">of exact", ">R bias (z)", ">G bias (z)", ">B bias (z)",
-		                                               ">RMSE"}};
+		std::vector<std::vector<std::string>> rows = {
+		    {"rung", device_->info().is_processor() ? ">CPU seconds" : ">seconds", ">of exact", ">R bias (z)",
+		     ">G bias (z)", ">B bias (z)", ">RMSE"}};
 		for (const char* bin : bin_names)
 			rows[0].push_back(fmt::format(">{}{}", bin, bin == bin_names[0] ? " ulp %" : ""));
 		rows[0].insert(rows[0].end(), {">error %", ">FLIP"});

@@ -42,6 +42,7 @@ Json point_json(const TradePoint& point)
 	json["seconds"] = point.seconds;
 	json["most_seconds"] = point.most_seconds;
 	json["repeats"] = point.repeats;
+	json["cpu_seconds"] = point.cpu_seconds ? Json(*point.cpu_seconds) : Json();
 	json.update(noise_json(point.error.noise));
 	json["is_bound"] = point.error.is_bound;
 	json["rel_mse_trimmed"] = point.error.rel_mse_trimmed;
@@ -89,6 +90,8 @@ TradePoint point_of(const Json& json)
 	point.seconds = json.at("seconds");
 	point.most_seconds = json.at("most_seconds");
 	point.repeats = json.at("repeats");
+	if (json.contains("cpu_seconds") && !json["cpu_seconds"].is_null())
+		point.cpu_seconds = json["cpu_seconds"].get<double>();
 	const double rmse = json.at("rmse");
 	point.error.noise = {rmse * rmse, json.at("rel_mse")};
 	point.error.is_bound = json.at("is_bound");

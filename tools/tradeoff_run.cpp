@@ -47,9 +47,9 @@ struct OpenDevice {
 struct Cell {
 	std::size_t device = 0;
 	Configuration configuration;
-	std::vector<double> seconds;
-	double wall = 0;      // seconds that one render of the last number of samples took, all in all
-	double comparing = 0; // seconds beside
+	std::vector<double> seconds, cores; // of the clock, and of all cores together
+	double wall = 0;                    // seconds that one render of the last number of samples took, all in all
+	double comparing = 0;               // seconds beside
 	std::string film_hash;
 	Film film;
 	bool out = false; // its next number of samples takes too long
@@ -92,6 +92,24 @@ CacheKey measurement_key(const Tradeoff& measured, const DeviceInfo& device, con
 	                  fmt::format("{} generic {} bvh {} lanes {} {}",
 	                              settings_text(measured.scene_hash, measured.settings), !render.specialise,
 	                              static_cast<int>(render.bvh), render.lanes, cache_environment()));
+}
+
+std::optional<Tradeoff> load_measurement(const CacheKey& key)
+{
+	const auto payload = cache_load(key);
+	if (!payload)
+		return std::nullopt;
+	Result<Tradeoff> measured = tradeoff_of_json(std::string(payload->begin(), payload->end()));
+	if (!measured)
+		return std::nullopt;
+	return std::move(*measured);
+}
+
+// Points that tell an error and not only a bound of it.
+std::ptrdiff_t fullness(const Tradeoff& measured)
+{
+	return std::count_if(measured.points.begin(), measured.points.end(),
+	                     [](const TradePoint& point) { return !point.error.is_bound; });
 }
 
 class TradeoffRun {
@@ -403,8 +421,10 @@ private:
 		                                            : std::min(double(options_.limit_seconds),
 		                                                       seconds_since(start_) + expected(cells, more));
 		std::vector<double> walls(cells.size(), 0.0);
-		for (Cell& cell : cells)
+		for (Cell& cell : cells) {
 			cell.seconds.clear();
+			cell.cores.clear();
+		}
 		for (bool again = true; again;) {
 			again = false;
 			for (std::size_t i = 0; i < cells.size(); ++i) {
@@ -459,8 +479,10 @@ private:
 
 	Status measure(Cell& cell, std::uint32_t samples, double all)
 	{
+		const double before = cpu_seconds();
 		RT_TRY_ASSIGN(SessionResult result, render(devices_[cell.device], cell.configuration, measured_.settings.seed,
 		                                           0, samples, title(cell, samples), all));
+		const double cores = cpu_seconds() - before;
 		if (result.interrupted)
 			return success();
 		const std::string hash = result.film.hash().hex();
@@ -473,6 +495,7 @@ private:
 		cell.film_hash = hash;
 		cell.film = std::move(result.film);
 		cell.seconds.push_back(result.render_seconds);
+		cell.cores.push_back(cores);
 		return success();
 	}
 
@@ -486,6 +509,8 @@ private:
 		point.seconds = *least;
 		point.most_seconds = *most;
 		point.repeats = static_cast<std::uint32_t>(cell.seconds.size());
+		if (measured_.devices[cell.device].is_processor())
+			point.cpu_seconds = *std::min_element(cell.cores.begin(), cell.cores.end());
 		point.film_hash = cell.film_hash;
 		RT_TRY_ASSIGN(point.error, error_against(cell.film, reference_));
 		measured_.points.push_back(std::move(point));
@@ -501,7 +526,8 @@ private:
 		return success();
 	}
 
-	// A measurement for each device, as if it had been the only one.
+	// A measurement for each device, as if it had been the only one. One that got less far than an older one leaves
+	// that: points of both are not mixed, because times of different hours do not compare.
 	void remember() const
 	{
 		for (std::size_t device = 0; device < measured_.devices.size(); ++device) {
@@ -517,8 +543,11 @@ private:
 			if (alone.points.empty())
 				continue; // it would keep others from measuring
 			mark_front(alone.points);
+			const CacheKey key = measurement_key(alone, alone.devices[0], options_.render);
+			if (const auto older = load_measurement(key); older && fullness(*older) > fullness(alone))
+				continue;
 			const std::string text = tradeoff_json(alone).dump();
-			cache_store(measurement_key(alone, alone.devices[0], options_.render), {text.begin(), text.end()});
+			cache_store(key, {text.begin(), text.end()});
 		}
 	}
 
@@ -549,10 +578,7 @@ std::optional<Tradeoff> remembered_tradeoff(const TradeoffOptions& options)
 	Result<Tradeoff> plan = TradeoffRun(options, {}).plan();
 	if (!plan || plan->devices.size() != 1)
 		return std::nullopt;
-	const auto payload = cache_load(measurement_key(*plan, plan->devices[0], options.render));
-	if (!payload)
-		return std::nullopt;
-	Result<Tradeoff> measured = tradeoff_of_json(std::string(payload->begin(), payload->end()));
+	std::optional<Tradeoff> measured = load_measurement(measurement_key(*plan, plan->devices[0], options.render));
 	if (!measured)
 		return std::nullopt;
 	// The image may be another.
@@ -561,7 +587,7 @@ std::optional<Tradeoff> remembered_tradeoff(const TradeoffOptions& options)
 	measured->image_height = plan->image_height;
 	measured->image_samples = plan->image_samples;
 	measured->devices = plan->devices;
-	return std::move(*measured);
+	return measured;
 }
 
 TradeoffAdvice advice_for(const Tradeoff& measured, const TradeoffOptions& options)

@@ -3,7 +3,8 @@
 // First the reference: two halves of seeds that nobody else uses, in double, doubled until they have the samples asked
 // for or half of the time is gone. It lies in the program cache, whole as far as it came, and is gone on from by the
 // next run that wants more. Then the grid, a number of samples after the other, so that a stop leaves every
-// configuration with something. What was measured whole is remembered too, for --auto-precision.
+// configuration with something. What was measured whole is remembered too, for --auto-precision, unless an older
+// measurement got further.
 #pragma once
 
 #include "backends/backend.h"

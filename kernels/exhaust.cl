@@ -4,8 +4,8 @@
  * need not travel. verify/exhaustive.cpp knows the answers and compares hashes; of a block that differs it asks for the
  * results themselves, which blocks of one input give.
  */
-#include "kernels/film.h"
 #include "kernels/path.h"
+#include "kernels/probe.h"
 
 #define RT_EXHAUST_ROOT 0u       /* rt_sqrt of every bit pattern but infinity */
 #define RT_EXHAUST_RECIPROCAL 1u /* rt_rcp of every bit pattern in its range */
@@ -19,6 +19,10 @@
 #define RT_EXHAUST_TO_INT 9u    /* float to int of every |a| < 2^31 */
 #define RT_EXHAUST_TO_FLOAT 10u /* int to float of every int */
 #define RT_EXHAUST_ASIN 11u     /* of the heights of normals, as textures take it: atan2(a, sqrt(b^2 + c^2)) */
+#define RT_EXHAUST_CELL 12u     /* rt_cell of every bit pattern a, among b cells */
+#define RT_EXHAUST_ROULETTE 13u /* of throughput a, pixel b, sample c: the weight, and the throughput times it */
+#define RT_EXHAUST_RANDOM 14u   /* two of the numbers of a key: of pixel a, sample b, block c */
+#define RT_EXHAUST_SOBOL 15u    /* the same of the sampler sobol */
 
 typedef struct rt_operands {
 	rt_uint a, b, c;
@@ -68,6 +72,22 @@ RT_FN rt_operands rt_exhaust_operands(rt_u32 operation, rt_uint input)
 		o.a = rt_exhaust_number(x, rt_splat_u(0u - 12u), 13u);
 		o.b = rt_exhaust_number(y, rt_splat_u(0u - 12u), 13u);
 		o.c = rt_exhaust_number(z, rt_splat_u(0u - 12u), 13u);
+	} else if (operation == RT_EXHAUST_CELL) {
+		/* Of every other input so many cells that it lies in the last but one, the last or just beyond. */
+		rt_float x = rt_from_bits(input);
+		rt_mask inside = (x >= rt_splat(1.0f)) & (x < rt_splat(0x1p20f));
+		rt_uint cells = rt_to_uint(rt_to_int(rt_sel(inside, x, rt_splat(1.0f)))) + ((input >> 1) & 1u);
+		rt_uint other = (rt_exhaust_shuffle(input) >> 12) + 1u;
+		o.b = rt_bits(rt_to_float(rt_to_int(rt_sel((input & 1u) == rt_splat_u(0u), cells, other))));
+	} else if (operation >= RT_EXHAUST_ROULETTE && operation <= RT_EXHAUST_SOBOL) {
+		o.a = rt_exhaust_shuffle(input + 0x2545f491u);
+		o.b = rt_exhaust_shuffle(o.a ^ 0x6a09e667u);
+		o.c = rt_exhaust_shuffle(o.b ^ 0xbb67ae85u);
+		if (operation == RT_EXHAUST_ROULETTE) {
+			/* From 2^-60, the least throughput, to 1; one in eight just below 1. */
+			rt_uint any = rt_exhaust_number(o.a, rt_splat_u(0u - 60u), 60u) & 0x7fffffffu;
+			o.a = rt_sel((input & 7u) == rt_splat_u(0u), 0x3f7fffffu - (o.a & 1023u), any);
+		}
 	} else if (operation == RT_EXHAUST_SINCOS)
 		o.a = rt_bits(rt_to_float(rt_to_int(input)) * 0x1p-24f);
 	else if (operation == RT_EXHAUST_TO_INT)
@@ -100,12 +120,6 @@ RT_FN rt_operands rt_exhaust_operands(rt_u32 operation, rt_uint input)
 		}
 	}
 	return o;
-}
-
-RT_FN rt_uint rt_exhaust_mix(rt_uint hash, rt_uint word)
-{
-	hash = (hash ^ word) * 0x9e3779b1u;
-	return hash ^ (hash >> 15);
 }
 
 /* Block k takes inputs number first + stride (k length + i), i < length, of the `count` there are. out: 2 words a
@@ -150,20 +164,38 @@ RT_KERNEL(rt_exhaust)
 		if (operation == RT_EXHAUST_TO_INT)
 			x = rt_to_uint(rt_to_int(a));
 		else if (operation == RT_EXHAUST_FILM) {
-			rt_channel_sum sum = rt_channel_sample(a, 0x1p40f, 0x1p20f);
-			rt_store_u(sum.high, xs);
-			rt_store_u(sum.low, ys);
-			for (rt_u32 lane = 0u; lane < RT_LANES; ++lane) {
-				rt_u64 total = (rt_u64)rt_channel_total(xs[lane], ys[lane], 1u);
-				xs[lane] = (rt_u32)(total & 0xffffffffu);
-				ys[lane] = (rt_u32)(total >> 32);
+			rt_probe_words words = rt_probe_film(a);
+			x = words.low;
+			y = words.high;
+		} else if (operation == RT_EXHAUST_CELL)
+			x = rt_to_uint(rt_cell(a, b));
+		else if (operation == RT_EXHAUST_RANDOM || operation == RT_EXHAUST_SOBOL) {
+			/* Of the key's four numbers the first two, or the last two where c is odd. */
+			rt_mask last = (o.c & 1u) != 0u;
+			rt_words4 key;
+			key.x = o.a;
+			key.y = o.b;
+			key.z = o.c;
+			key.w = rt_exhaust_shuffle(o.c ^ 0x3c6ef372u);
+			if (operation == RT_EXHAUST_SOBOL) {
+				key.y = rt_sel(last, rt_splat_u(RT_SCRAMBLE_CD), rt_splat_u(RT_SCRAMBLE_AB));
+				rt_random2 point = rt_sobol_point(key, rt_reverse_bits(o.b));
+				x = rt_bits(point.a);
+				y = rt_bits(point.b);
+			} else {
+				rt_words4 words = rt_pcg4d(key);
+				x = rt_bits(rt_unit(rt_sel(last, words.z, words.x)));
+				y = rt_bits(rt_unit(rt_sel(last, words.w, words.y)));
 			}
-			x = RT_GATHER_U(xs, rt_lane_ids(), );
-			y = RT_GATHER_U(ys, rt_lane_ids(), );
+		} else if (operation == RT_EXHAUST_ROULETTE) {
+			rt_float weight = rt_roulette(0x51ab1e5u, o.b, o.c, o.c >> 26, a);
+			x = rt_bits(weight);
+			y = rt_bits(weight * a);
 		}
+
 		x = rt_sel(o.used, x, rt_splat_u(0u));
 		y = rt_sel(o.used, y, rt_splat_u(0u));
-		hash = rt_sel(place < rt_splat_u(count), rt_exhaust_mix(rt_exhaust_mix(hash, x), y), hash);
+		hash = rt_sel(place < rt_splat_u(count), rt_probe_mix(rt_probe_mix(hash, x), y), hash);
 	}
 	if (length > 1u) {
 		x = hash;
@@ -190,18 +222,6 @@ RT_KERNEL(rt_exhaust)
 #define RT_EXHAUST_LENGTH_FAULTS 6u /* normals and directions whose |v|^2 is off 1 by more than 4 ulp: must be 0 */
 #define RT_EXHAUST_BITS 7u          /* a sum of hashes of all normals and directions: the same on every device */
 #define RT_EXHAUST_COUNTERS 8u
-
-/* Is |v|^2 off 1 by more than 4 ulp? NaN is. */
-RT_FN rt_mask rt_exhaust_wrong_length(rt_vec3 v)
-{
-	rt_float off = rt_abs(v3_dot(v, v) - 1.0f);
-	return rt_not(off <= rt_splat(0x1p-21f));
-}
-
-RT_FN rt_uint rt_exhaust_mix_vector(rt_uint hash, rt_vec3 v)
-{
-	return rt_exhaust_mix(rt_exhaust_mix(rt_exhaust_mix(hash, rt_bits(v.x)), rt_bits(v.y)), rt_bits(v.z));
-}
 
 /* Does a ray from `point` along `dir` meet the sphere by b^2 - 4ac and epsilon 1e-3? The control. */
 RT_FN rt_mask rt_exhaust_textbook(rt_vec3 center, rt_float radius, rt_vec3 point, rt_vec3 dir)
@@ -292,10 +312,10 @@ RT_KERNEL(rt_exhaust_rays)
 		rt_mask outward = met & rt_not(inward);
 		rt_mask by_book =
 		    rt_exhaust_textbook(center, radius, v3_fma(hit.t, ray.dir, v3_splat(0.0f, 0.0f, 0.0f)), leaving.dir);
-		rt_mask wrong_length = rt_exhaust_wrong_length(ray.dir) | rt_exhaust_wrong_length(surface.normal) |
-		                       rt_exhaust_wrong_length(leaving.dir);
+		rt_mask wrong_length =
+		    rt_probe_wrong_length(ray.dir) | rt_probe_wrong_length(surface.normal) | rt_probe_wrong_length(leaving.dir);
 		length_faults += rt_sel(met & wrong_length, one, none);
-		bits += rt_sel(met, rt_exhaust_mix_vector(rt_exhaust_mix_vector(none, surface.normal), leaving.dir), none);
+		bits += rt_sel(met, rt_probe_mix_vector(rt_probe_mix_vector(none, surface.normal), leaving.dir), none);
 		met_count += rt_sel(met, one, none);
 		outward_count += rt_sel(outward, one, none);
 		rehits += rt_sel(outward & meets, one, none);

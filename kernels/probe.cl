@@ -2,6 +2,7 @@
  * lane types and functions that the path tracer uses. backends/self_test.cpp holds the answers.
  */
 #include "common/rt_layout.h"
+#include "kernels/probe.h"
 #include "kernels/render.cl"
 
 /* Operations. Operands and results are 32-bit patterns; an operation may give two words. */
@@ -99,22 +100,17 @@ RT_KERNEL(rt_probe)
 	}
 	x = rt_sel(is_float, rt_bits(first), x);
 	y = rt_sel(is_float, rt_bits(second), y);
+	if (operation == RT_PROBE_FILM) {
+		rt_probe_words words = rt_probe_film(a);
+		x = words.low;
+		y = words.high;
+	}
 
 	if (operation == RT_PROBE_LONG_ADD || operation == RT_PROBE_LONG_MULTIPLY) {
 		for (rt_u32 lane = 0u; lane < RT_LANES; ++lane) {
 			rt_u32 i = RT_GLOBAL_ID * RT_LANES + lane;
 			i = i < count ? i : 0u;
 			rt_u64 value = rt_probe_long(operation, as[i], bs[i], cs[i]);
-			longs[2u * lane] = (rt_u32)(value & 0xffffffffu);
-			longs[2u * lane + 1u] = (rt_u32)(value >> 32);
-		}
-	} else if (operation == RT_PROBE_FILM) {
-		rt_channel_sum sum = rt_channel_sample(a, 0x1p40f, 0x1p20f);
-		rt_u32 highs[RT_LANES], lows[RT_LANES];
-		rt_store_u(sum.high, highs);
-		rt_store_u(sum.low, lows);
-		for (rt_u32 lane = 0u; lane < RT_LANES; ++lane) {
-			rt_u64 value = (rt_u64)rt_channel_total(highs[lane], lows[lane], 1u);
 			longs[2u * lane] = (rt_u32)(value & 0xffffffffu);
 			longs[2u * lane + 1u] = (rt_u32)(value >> 32);
 		}

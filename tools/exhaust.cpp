@@ -36,7 +36,8 @@ Tries the contract's operations over all their inputs on one device and compares
   --backend B     auto, cuda, opencl, reference
   --function F    only this one; may be given again
   --stride N      only every N-th input, N odd (1)
-  --count N       so many inputs where they are drawn: quotient, add, multiply, fma, atan2, asin, rehit
+  --count N       so many inputs where they are drawn: quotient, add, multiply, fma, atan2, asin,
+                  roulette, random, sobol, rehit
   --state FILE    keep there what was done; go on from there
   --log FILE      write the results there as JSON
   --progress P    auto, plain, json, none

@@ -46,6 +46,12 @@ const std::vector<ExhaustiveFunction> functions = {
     {"to-int", "all floats with |x| < 2^31", ExhaustiveKind::Device, RT_EXHAUST_TO_INT, 2ull * 0x4f000000u, false,
      false},
     {"to-float", "all 2^32 integers", ExhaustiveKind::Device, RT_EXHAUST_TO_FLOAT, 1ull << 32, false, false},
+    {"cell", "all floats, each among 1 to 2^20 cells of a texture", ExhaustiveKind::Device, RT_EXHAUST_CELL, 1ull << 32,
+     false, false},
+    {"roulette", "throughputs in [2^-60, 1) and random numbers", ExhaustiveKind::Device, RT_EXHAUST_ROULETTE, 1ull << 28,
+     true, true},
+    {"random", "keys of the independent sampler", ExhaustiveKind::Device, RT_EXHAUST_RANDOM, 1ull << 30, true, false},
+    {"sobol", "keys of the sampler sobol", ExhaustiveKind::Device, RT_EXHAUST_SOBOL, 1ull << 28, true, false},
     {"display", "all floats in [0, 2] to 8 bits by each transfer", ExhaustiveKind::Display, 0, (1ull << 30) + 1, false,
      false},
     {"seeds", "all mantissas, seeds up to 4 floats off", ExhaustiveKind::Seeds, 0, 9ull * 3 << 23, false, false},
@@ -161,6 +167,21 @@ Words answer(const rt_operands& o, Totals& totals)
 		const std::uint64_t mantissa = (o.a & 0x7fffffu) | 0x800000u;
 		const std::uint64_t size = shift >= 0 ? mantissa << shift : shift > -24 ? mantissa >> -shift : 0;
 		return {static_cast<std::uint32_t>((o.a >> 31) != 0 ? 0 - size : size), 0};
+	} else if constexpr (operation == RT_EXHAUST_CELL) {
+		// No number and what is below 0 is in the first cell, what lies beyond in the last.
+		const double x = number(o.a), last = number(o.b) - 1;
+		return {x > 0 ? static_cast<std::uint32_t>(std::min(x, last)) : 0u, 0};
+	} else if constexpr (operation == RT_EXHAUST_ROULETTE) {
+		// The probability in units of 2^-24; the weight times the throughput never exceeds 1.
+		const double q = (std::floor(number(o.a) * 0x1p24) + 1) * 0x1p-24;
+		const rt_random4 u = rt_random(0x51ab1e5u, o.b, o.c, (o.c >> 26) | RT_ROULETTE_BLOCK);
+		const double weight = static_cast<double>(u.a) < q ? number(narrow(1 / q).first) : 0;
+		return {narrow(weight).first, narrow(std::min(weight * number(o.a), 1.0)).first};
+	} else if constexpr (operation == RT_EXHAUST_RANDOM || operation == RT_EXHAUST_SOBOL) {
+		const std::uint32_t seed = rt_exhaust_shuffle(o.c ^ 0x3c6ef372u);
+		const rt_random4 u = operation == RT_EXHAUST_SOBOL ? rt_sobol(seed, o.a, o.b, o.c) : rt_random(seed, o.a, o.b, o.c);
+		const bool last = (o.c & 1u) != 0;
+		return {rt_bits(last ? u.c : u.a), rt_bits(last ? u.d : u.b)};
 	} else // RT_EXHAUST_TO_FLOAT
 		return narrow(static_cast<double>(static_cast<std::int32_t>(o.a)));
 }
@@ -195,7 +216,7 @@ void answer_blocks(const Piece& piece, std::vector<std::uint32_t>& hashes, Total
 			std::uint32_t hash = 0;
 			for (std::uint32_t i = from; i < to; ++i) {
 				const Words words = answer_input<operation>(piece.first + i * piece.stride, own);
-				hash = rt_exhaust_mix(rt_exhaust_mix(hash, words.first), words.second);
+				hash = rt_probe_mix(rt_probe_mix(hash, words.first), words.second);
 			}
 			hashes[block] = hash;
 		}
@@ -220,6 +241,8 @@ constexpr Answers answers[] = {
     answers_of<RT_EXHAUST_ADD>(),    answers_of<RT_EXHAUST_MULTIPLY>(),   answers_of<RT_EXHAUST_FMA>(),
     answers_of<RT_EXHAUST_SINCOS>(), answers_of<RT_EXHAUST_ATAN2>(),      answers_of<RT_EXHAUST_FILM>(),
     answers_of<RT_EXHAUST_TO_INT>(), answers_of<RT_EXHAUST_TO_FLOAT>(),   answers_of<RT_EXHAUST_ASIN>(),
+    answers_of<RT_EXHAUST_CELL>(),   answers_of<RT_EXHAUST_ROULETTE>(),   answers_of<RT_EXHAUST_RANDOM>(),
+    answers_of<RT_EXHAUST_SOBOL>(),
 };
 
 // What it means where a counter of rays is not 0.

@@ -17,7 +17,7 @@ set(RT_REFERENCE_TABLE "")
 
 # After the instruction set: SOFTWARE_ROOTS, and CONTRACTED: the compiler may fuse, which tests use to show that it
 # finds nothing to fuse (rule 3); or one of FAST and DOUBLE, the rungs beside the exact one (common/rt_compat.h); or
-# EXHAUST, kernels/exhaust.cl instead of a render's kernels.
+# EXHAUST, kernels/exhaust.cl and kernels/probe_paths.cl instead of a render's kernels.
 function(rt_reference_variant name lanes features instruction_set)
   cmake_parse_arguments(PARSE_ARGV 4 variant "SOFTWARE_ROOTS;CONTRACTED;FAST;DOUBLE;EXHAUST" "" "")
   set(native_roots 1)

@@ -17,49 +17,10 @@ thread_local unsigned rt_host_global_id = 0;
 #include "kernels/probe.cl" // includes kernels/render.cl
 #endif
 
-#include <tuple>
-#include <utility>
+#include "backends/reference/reference_entries.h"
 
 namespace rt {
 namespace {
-
-// A kernel's argument from its place in memory: a pointer is the place, a scalar is read from it.
-template <class T>
-T argument_at(void* place)
-{
-	if constexpr (std::is_pointer_v<T>)
-		return static_cast<T>(place);
-	else
-		return *static_cast<T*>(place);
-}
-
-template <auto kernel>
-struct Adapter;
-
-template <class... Arguments, void (*kernel)(Arguments...)>
-struct Adapter<kernel> {
-	static constexpr unsigned argument_count = sizeof...(Arguments);
-
-	template <std::size_t... i>
-	static void run_all(void* const* arguments, std::uint32_t begin, std::uint32_t end, std::index_sequence<i...>)
-	{
-		const std::tuple<Arguments...> values(argument_at<Arguments>(arguments[i])...);
-		for (std::uint32_t item = begin; item < end; ++item) {
-			rt_host_global_id = item;
-			kernel(std::get<i>(values)...);
-		}
-	}
-	static void run(void* const* arguments, std::uint32_t begin, std::uint32_t end)
-	{
-		run_all(arguments, begin, end, std::index_sequence_for<Arguments...>{});
-	}
-};
-
-template <auto kernel>
-constexpr ReferenceKernel entry(const char* name)
-{
-	return {name, Adapter<kernel>::argument_count, Adapter<kernel>::run};
-}
 
 constexpr ReferenceKernel kernels[] = {
     entry<rt_clear>("rt_clear"),       entry<rt_merge>("rt_merge"),
@@ -69,9 +30,6 @@ constexpr ReferenceKernel kernels[] = {
     entry<rt_peak_fma>("rt_peak_fma"), entry<rt_peak_integer>("rt_peak_integer"),
 #endif
 };
-
-#define RT_QUOTE_(x) #x
-#define RT_QUOTE(x) RT_QUOTE_(x)
 
 } // namespace
 

@@ -9,15 +9,15 @@
 #include "kernels/probe.h"
 
 /* What is counted of a path. */
-#define RT_PATHS_STEPS 0u             /* spheres met */
-#define RT_PATHS_LENGTH_FAULTS 1u     /* vectors whose |v|^2 is off 1 by more than 4 ulp: must be 0 */
-#define RT_PATHS_WEIGHT_FAULTS 2u     /* steps with a weight that is out of range: must be 0 */
-#define RT_PATHS_DEPARTURE_FAULTS 3u  /* rays that met the sphere they left, or missed its far side: must be 0 */
-#define RT_PATHS_OUTWARD 4u           /* rays that left a sphere outward */
-#define RT_PATHS_INWARD 5u            /* inward */
-#define RT_PATHS_WIDE 6u              /* and those of both that left a wide one */
-#define RT_PATHS_AIMED 7u             /* rays aimed at lamps */
-#define RT_PATHS_BITS 8u              /* a hash of hits, normals, directions, weights and radiance */
+#define RT_PATHS_STEPS 0u            /* spheres met */
+#define RT_PATHS_LENGTH_FAULTS 1u    /* vectors whose |v|^2 is off 1 by more than 4 ulp: must be 0 */
+#define RT_PATHS_WEIGHT_FAULTS 2u    /* steps with a weight that is out of range: must be 0 */
+#define RT_PATHS_DEPARTURE_FAULTS 3u /* rays that met the sphere they left, or missed its far side: must be 0 */
+#define RT_PATHS_OUTWARD 4u          /* rays that left a sphere outward */
+#define RT_PATHS_INWARD 5u           /* inward */
+#define RT_PATHS_WIDE 6u             /* and those of both that left a wide one */
+#define RT_PATHS_AIMED 7u            /* rays aimed at lamps */
+#define RT_PATHS_BITS 8u             /* a hash of hits, normals, directions, weights and radiance */
 #define RT_PATHS_WORDS 9u
 
 /* Is it neither 0 nor within [2^-60, largest]? NaN is. */

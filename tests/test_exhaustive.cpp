@@ -71,16 +71,18 @@ TEST_CASE("rule 4: roots and reciprocals taken in double round correctly, by int
 	CHECK(wrong_reciprocals == 0);
 }
 
-TEST_CASE("rules 4, 13, 15 and 16: a stride through all inputs finds no wrong result on any device", "[exhaustive]")
+TEST_CASE("rules 4, 6, 13, 14, 15 and 16: a stride through all inputs finds no wrong result on any device",
+          "[exhaustive]")
 {
 	struct Part {
 		const char* name;
 		std::uint64_t stride, count;
 	};
-	const Part parts[] = {{"root", 16381, 0},   {"reciprocal", 16381, 0},  {"quotient", 1, 1u << 17},
-	                      {"add", 1, 1u << 17}, {"multiply", 1, 1u << 17}, {"fma", 1, 1u << 17},
-	                      {"sincos", 127, 0},   {"atan2", 1, 1u << 17},    {"asin", 1, 1u << 17},
-	                      {"film", 8191, 0},    {"to-int", 16381, 0},      {"to-float", 16381, 0}};
+	const Part parts[] = {
+	    {"root", 16381, 0},        {"reciprocal", 16381, 0},  {"quotient", 1, 1u << 17}, {"add", 1, 1u << 17},
+	    {"multiply", 1, 1u << 17}, {"fma", 1, 1u << 17},      {"sincos", 127, 0},        {"atan2", 1, 1u << 17},
+	    {"asin", 1, 1u << 17},     {"film", 8191, 0},         {"to-int", 16381, 0},      {"to-float", 16381, 0},
+	    {"cell", 16381, 0},        {"roulette", 1, 1u << 17}, {"random", 1, 1u << 17},   {"sobol", 1, 1u << 17}};
 	for (const TestDevice& device : test_devices())
 		for (const Part& part : parts)
 			for (const bool ours : {false, true}) {
@@ -176,10 +178,23 @@ TEST_CASE("an exhaustive run finds a wrong expression and names the operands", "
 		CHECK(result.failures > 0);
 		CHECK(result.bits != run(device->device, "rehit", 1, 1u << 16, device->needs_software_roots).bits);
 	}
-	SECTION("a sine with one coefficient off")
+	SECTION(
+	    "a sine with one coefficient off, no number in the last cell, a probability rounded down, a wrong constant of "
+	    "each hash")
 	{
-		const DeviceHandle faulty =
-		    make_faulty(device->device, {"wrong sine", {{"kernels/math.h", "-0x1.2d9302p-8f", "-0x1.2d9304p-8f"}}});
+		const DeviceHandle faulty = make_faulty(
+		    device->device, {"wrong constants",
+		                     {{"kernels/math.h", "-0x1.2d9302p-8f", "-0x1.2d9304p-8f"},
+		                      {"kernels/texture.h", "rt_sel(x > rt_splat(0.0f), x, rt_splat(0.0f))",
+		                       "rt_sel(x <= rt_splat(0.0f), rt_splat(0.0f), x)"},
+		                      {"kernels/roulette.h", "rt_to_int(b * 0x1p24f) + 1)", "rt_to_int(b * 0x1p24f))"},
+		                      {"kernels/rng.h", "v * 1664525u", "v * 1664527u"},
+		                      {"kernels/sampler.h", "v ^= v * 0x3d20adeau;", "v ^= v * 0x3d20adebu;"}}});
 		CHECK(run(faulty, "sincos", 127, 0, device->needs_software_roots).failures > 0);
+		for (const char* const name : {"cell", "roulette", "random", "sobol"}) {
+			INFO(name);
+			const bool drawn = find_exhaustive(name)->samples;
+			CHECK(run(faulty, name, drawn ? 1 : 65521, 1u << 14, device->needs_software_roots).failures > 100);
+		}
 	}
 }

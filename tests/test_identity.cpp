@@ -2,6 +2,7 @@
 // Comparison is by hash of the integers, never by a threshold.
 #include "tests/catch.h"
 #include "tests/devices.h"
+#include "tests/faulty_device.h"
 
 #include "common/rt_features.h"
 
@@ -67,7 +68,7 @@ TEST_CASE("write the golden hashes", "[.update]")
 	std::ofstream(RT_SOURCE_DIR "/render/golden.json") << golden_table(scenes);
 }
 
-TEST_CASE("rule 22: every scene has its golden film hash on the reference backend", "[golden]")
+TEST_CASE("rule 22: every scene has its golden film hash, on every device", "[golden]")
 {
 	for (const TestScene& scene : test_scenes()) {
 		INFO(scene.name);
@@ -75,6 +76,9 @@ TEST_CASE("rule 22: every scene has its golden film hash on the reference backen
 		CHECK(film.hash().hex() == scene.film);
 		CHECK(film.rejected == 0);
 		CHECK(film.segments > 0);
+		for (const TestDevice& device : test_devices())
+			check_same(render(pack_test_scene(scene), device, {}, scene.samples), film,
+			           scene.name + ", " + device.name);
 	}
 }
 
@@ -276,6 +280,14 @@ TEST_CASE("rule 8: of coincident spheres the lowest id owns the surface in any s
 		check_same(render(*packed, device, {}, 3), expected, "twin last, " + device.name);
 		check_same(render(permute_spheres(*packed, {0, 4, 3, 2, 1}), device, {}, 3), expected,
 		           "twin first, " + device.name);
+		if (device.is_reference())
+			continue;
+		// The control: by distance alone the first in memory wins.
+		TestDevice without_ids = device;
+		without_ids.device = make_faulty(
+		    device.device,
+		    {"no ids", {{"kernels/sphere.h", "((t < hit.t) | ((t == hit.t) & (id < hit.id)))", "(t < hit.t)"}}});
+		CHECK(render(permute_spheres(*packed, {0, 4, 3, 2, 1}), without_ids, {}, 3).sums() != expected.sums());
 	}
 	CHECK(expected.sums() != render(*without, reference_device(), generic(), 3).sums());
 }
@@ -321,6 +333,15 @@ TEST_CASE("rule 9: scaling a scene by a power of two changes no bit", "[identity
 			const Result<PackedScene> packed = pack_scene(scene, settings, {0, 0, 30, 20});
 			REQUIRE(packed);
 			CHECK(render(*packed, device, {}, 2).hash().hex() != expected.hash().hex());
+			// Another: a distance of 1e-3 below which nothing is met.
+			if (std::string(name) != "floating" || device.is_reference())
+				continue;
+			TestDevice with_epsilon = device;
+			with_epsilon.device =
+			    make_faulty(device.device, {"epsilon",
+			                                {{"kernels/sphere.h", "*met = candidate & (t > rt_splat(0.0f));",
+			                                  "*met = candidate & (t > rt_splat(0x1.0624dep-10f));"}}});
+			CHECK(film_at(-20, with_epsilon).hash().hex() != expected.hash().hex());
 		}
 	}
 }

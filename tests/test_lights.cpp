@@ -675,6 +675,10 @@ TEST_CASE("rule 22: films of aimed rays have their golden hashes", "[golden]")
 	                                      std::pair(Estimator::Mis, "8219ae27070c68f531e8c3a2b702f53b")}) {
 		INFO(estimator_name(estimator));
 		CHECK(render(pack(scene, estimator, 6), reference_device(), generic(1), 3).hash().hex() == hash);
+		for (const TestDevice& device : test_devices()) {
+			INFO(device.name);
+			CHECK(render(pack(scene, estimator, 6), device, generic(0), 3).hash().hex() == hash);
+		}
 	}
 }
 
@@ -705,7 +709,7 @@ TEST_CASE("rule 9: aimed rays have no scale", "[identity]")
 {
 	for (const Estimator estimator : aiming)
 		for (const auto& [name, scene] : identity_scenes()) {
-			const auto film_at = [&, &unscaled = scene](int k, double radius_factor) {
+			const auto film_at = [&, &unscaled = scene](int k, double radius_factor, const TestDevice& device) {
 				Scene other = unscaled;
 				for (Vec3d* v : {&other.camera.from, &other.camera.at})
 					*v = scaled(std::ldexp(1.0, k), *v);
@@ -713,13 +717,16 @@ TEST_CASE("rule 9: aimed rays have no scale", "[identity]")
 					sphere.center = scaled(std::ldexp(1.0, k), sphere.center);
 					sphere.radius = std::ldexp(sphere.radius, k) * radius_factor;
 				}
-				return render(pack(other, estimator), reference_device(), {}, 2).hash().hex();
+				return render(pack(other, estimator), device, generic(0), 2).hash().hex();
 			};
-			const std::string expected = film_at(0, 1);
-			INFO(name);
-			for (const int k : {-12, -5, 3, 12})
-				CHECK(film_at(k, 1) == expected);
-			CHECK(film_at(0, 1.01) != expected);
+			const std::string expected = film_at(0, 1, reference_device());
+			for (const TestDevice& device : test_devices()) {
+				INFO(name << ", " << device.name);
+				for (const int k : device.is_reference() ? std::vector<int>{-12, -5, 3, 12} : std::vector<int>{-12})
+					CHECK(film_at(k, 1, device) == expected);
+				if (device.is_reference())
+					CHECK(film_at(0, 1.01, device) != expected);
+			}
 		}
 }
 

@@ -45,27 +45,37 @@ TestScene golden(const std::string& name)
 	return {};
 }
 
-Paths paths_of(const std::string& name, const Scene& scene)
+Paths paths_of(const std::string& name, const Scene& scene, Sampler sampler = Sampler::Independent,
+               std::uint32_t roulette = 0)
 {
-	const RenderSettings settings = settings_of(24, 16, 2, 20, 3);
+	RenderSettings settings = settings_of(24, 16, 2, 20, 3);
+	settings.sampler = sampler;
+	settings.roulette = roulette;
 	Result<PackedScene> packed = pack_scene(scene, settings, {0, 0, 24, 16});
 	if (!packed)
 		FAIL(name << ": " << packed.error().message);
 	return {name, std::move(*packed), 24 * 16 * 2};
 }
 
-// From inside a glass and a matte sphere one looks along the z axis at the seam of the frame: normals at and beside
-// (0, 0, 1) or (0, 0, -1).
+// From inside a matte sphere one looks along the z axis at the seam of the frame: normals at and beside (0, 0, 1) or
+// (0, 0, -1).
 Paths seam(const std::string& name, double z)
 {
 	Camera camera;
 	camera.from = {0, 0, 0};
 	camera.at = {0, 0, z};
 	camera.vfov = 0.02;
-	Material glass = material_of(Material::Kind::Dielectric, 1);
-	glass.ior = 1.5;
-	return paths_of(name, scene_of(camera, 0.5, {material_of(Material::Kind::Lambertian, 0.75), glass},
-	                               {{{0, 0, 0}, 3, 0}, {{0, 0, 0}, 2, 1}}));
+	return paths_of(name, scene_of(camera, 0.5, {material_of(Material::Kind::Lambertian, 0.75)}, {{{0, 0, 0}, 3, 0}}));
+}
+
+// A ball on a wide ground, both matte, of an albedo with digits below 2^-24.
+Scene ball_on_ground()
+{
+	Camera camera;
+	camera.from = {0, 1, 4};
+	camera.at = {0, 0.5, 0};
+	return scene_of(camera, 0.5, {material_of(Material::Kind::Lambertian, 0.15)},
+	                {{{0, -1000, 0}, 1000, 0}, {{0, 1, 0}, 1, 0}});
 }
 
 // Inside a glowing sphere that leaves 2^-19 at each scattering: the fourth weight would be 2^-76.
@@ -91,6 +101,8 @@ const std::vector<Paths>& all_paths()
 		paths.push_back(paths_of(cornell, Estimator::Mis));
 		paths.push_back(seam("seam at (0, 0, 1)", -1));
 		paths.push_back(seam("seam at (0, 0, -1)", 1));
+		paths.push_back(paths_of("ball", ball_on_ground()));
+		paths.push_back(paths_of("sobol ball", ball_on_ground(), Sampler::Sobol, 1));
 		paths.push_back(dim());
 		return paths;
 	}();
@@ -132,11 +144,11 @@ public:
 		const PackedScene& packed = paths.packed;
 		Words words(std::size_t(paths.count) * RT_PATHS_WORDS, 0xdeadbeefu);
 		const BufferHandle out = upload(words);
-		REQUIRE(device_->launch(
-		    program_, "rt_probe_paths", (paths.count + lanes_ - 1) / lanes_,
-		    {by_value(packed.scene), by_value(rt_few_spheres{}), upload(packed.spheres), upload(packed.wide),
-		     upload(packed.sphere_ids), upload(packed.sphere_materials), upload(packed.bvh), upload(packed.materials),
-		     upload(packed.textures), upload(packed.texels), upload(packed.lights), out, 0u, paths.count}));
+		REQUIRE(device_->launch(program_, "rt_probe_paths", (paths.count + lanes_ - 1) / lanes_,
+		                        {by_value(packed.scene), by_value(rt_few_spheres{}), upload(packed.spheres),
+		                         upload(packed.wide), upload(packed.sphere_ids), upload(packed.sphere_materials),
+		                         upload(packed.bvh), upload(packed.materials), upload(packed.textures),
+		                         upload(packed.texels), upload(packed.lights), out, 0u, paths.count}));
 		REQUIRE(device_->wait());
 		REQUIRE(device_->read(out, 0, words.data(), words.size() * sizeof words[0]));
 		return words;
@@ -236,46 +248,43 @@ TEST_CASE("rules 6, 10, 11, 12 and 14: every device's paths have unit vectors, w
 
 TEST_CASE("faults of paths are found, each by what is counted of it", "[paths]")
 {
-	struct Planted {
-		const char* fault;
-		std::vector<TextEdit> edits;
-		const char* paths; // in which it shows
+	struct Sign {
+		const char* paths; // in which a fault shows
 		unsigned word;     // and where
+	};
+	struct Planted { // two faults at once where neither can touch the other's paths
+		const char* faults;
+		std::vector<TextEdit> edits;
+		std::vector<Sign> signs;
+		const char* sound; // paths that it leaves alone
 	};
 	const char* const sphere = "kernels/sphere.h";
 	const char* const material = "kernels/material.h";
 	const Planted all[] = {
-	    {"none", {}, "three-spheres", RT_PATHS_WORDS},
 	    {"a wide sphere that is not left out when a ray leaves it",
 	     {{sphere, "two_roots & rt_not(is_from) & ", "two_roots & "}},
-	     "three-spheres",
-	     RT_PATHS_DEPARTURE_FAULTS},
-	    {"a sphere's far side forgotten",
-	     {{sphere, "rt_mask inward = ray.chord > rt_splat(0.0f);", "rt_mask inward = RT_FALSE;"}},
-	     "closed",
-	     RT_PATHS_DEPARTURE_FAULTS},
+	     {{"ball", RT_PATHS_DEPARTURE_FAULTS}},
+	     "closed"},
 	    {"the normal as point minus centre",
 	     {{sphere, "from_center = v3_sel(use_direct, direct, from_center);", "from_center = direct;"}},
-	     "three-spheres",
-	     RT_PATHS_BITS},
+	     {{"ball", RT_PATHS_BITS}},
+	     nullptr},
 	    {"Frisvad's frame",
 	     {{material, "rt_float up = rt_abs(n.z);", "rt_float up = n.z;"},
 	      {material, "rt_from_bits(rt_bits(z) ^ (rt_bits(n.z) & RT_SIGN_BIT))", "z"}},
-	     "seam at (0, 0, -1)",
-	     RT_PATHS_LENGTH_FAULTS},
-	    {"no floor under the throughput",
+	     {{"seam at (0, 0, -1)", RT_PATHS_LENGTH_FAULTS}},
+	     nullptr},
+	    {"no floor under the throughput; a roulette whose probability is rounded down",
 	     {{"kernels/path.h", "return rt_sel(weight >= rt_splat(RT_MIN_THROUGHPUT), weight, rt_splat(0.0f));",
-	       "return weight;"}},
-	     "dim",
-	     RT_PATHS_WEIGHT_FAULTS},
-	    {"a roulette whose probability is rounded down",
-	     {{"kernels/roulette.h", "rt_to_int(b * 0x1p24f) + 1)", "rt_to_int(b * 0x1p24f))"}},
-	     "weekend, 24x16, 3 samples, seed 10",
-	     RT_PATHS_WEIGHT_FAULTS},
-	    {"a sampler that takes all blocks for one",
-	     {{"kernels/sampler.h", "key.z = block;", "key.z = rt_splat_u(1u) + 0u * block;"}},
-	     "weekend, 24x16, 3 samples, seed 10",
-	     RT_PATHS_BITS},
+	       "return weight;"},
+	      {"kernels/roulette.h", "rt_to_int(b * 0x1p24f) + 1)", "rt_to_int(b * 0x1p24f))"}},
+	     {{"dim", RT_PATHS_WEIGHT_FAULTS}, {"sobol ball", RT_PATHS_WEIGHT_FAULTS}},
+	     "ball"},
+	    {"a sphere's far side forgotten; a sampler that takes all blocks for one",
+	     {{sphere, "rt_mask inward = ray.chord > rt_splat(0.0f);", "rt_mask inward = RT_FALSE;"},
+	      {"kernels/sampler.h", "key.z = block;", "key.z = rt_splat_u(1u) + 0u * block;"}},
+	     {{"closed", RT_PATHS_DEPARTURE_FAULTS}, {"sobol ball", RT_PATHS_BITS}},
+	     "ball"},
 	};
 	bool shown = false;
 	for (const TestDevice& device : test_devices()) {
@@ -283,14 +292,21 @@ TEST_CASE("faults of paths are found, each by what is counted of it", "[paths]")
 			continue; // its kernels are compiled with rt and take no edits
 		shown = true;
 		for (const Planted& planted : all) {
-			INFO(device.name << ", " << planted.fault);
-			const Paths& paths = paths_named(planted.paths);
-			Tracer faulty(make_faulty(device.device, {planted.fault, planted.edits}), 1, device.needs_software_roots,
-			              paths.packed.features);
-			const Words words = faulty.trace(paths);
-			CHECK((words == expected(paths)) == planted.edits.empty());
-			if (planted.word < RT_PATHS_BITS)
-				CHECK(sums_of(words)[planted.word] > 0);
+			INFO(device.name << ", " << planted.faults);
+			std::uint32_t features = planted.sound ? paths_named(planted.sound).packed.features : 0;
+			for (const Sign& sign : planted.signs)
+				features |= paths_named(sign.paths).packed.features;
+			Tracer faulty(make_faulty(device.device, {planted.faults, planted.edits}), 1, device.needs_software_roots,
+			              features);
+			for (const Sign& sign : planted.signs) {
+				INFO(sign.paths);
+				const Words words = faulty.trace(paths_named(sign.paths));
+				CHECK(words != expected(paths_named(sign.paths)));
+				if (sign.word != RT_PATHS_BITS)
+					CHECK(sums_of(words)[sign.word] > 0);
+			}
+			if (planted.sound)
+				CHECK(faulty.trace(paths_named(planted.sound)) == expected(paths_named(planted.sound)));
 		}
 	}
 	if (!shown)

@@ -1,5 +1,6 @@
-// Rules of the contract that belong to no part of rt alone: the language of the kernels (2, 17), the range (5), and
-// what a film says of its making (17), on every device found. The other rules' tests are listed in docs/contract.md.
+// Rules of the contract that belong to no part of rt alone: the language of the kernels (2, 17), the range (5), what a
+// film says of its making (17), and what becomes of a film that a device made (19, 21), on every device found. The
+// other rules' tests are listed in docs/contract.md.
 #include "tests/catch.h"
 #include "tests/devices.h"
 #include "tests/faulty_device.h"
@@ -7,8 +8,11 @@
 
 #include "backends/kernel_text.h"
 #include "common/rt_contract.h"
+#include "render/display.h"
+#include "render/image_file.h"
 #include "tools/film_provenance.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
@@ -90,6 +94,64 @@ Result<PackedScene> pack(const Scene& scene)
 	settings.height = 8;
 	settings.samples = 4;
 	return pack_scene(scene, settings, Window{0, 0, settings.width, settings.height});
+}
+
+// ---- codes of a texture ----
+
+constexpr std::uint32_t coded = 120; // texels, in which each of the 256 codes is one channel's or another's
+
+std::array<std::uint8_t, 3> codes_of_texel(std::uint32_t i)
+{
+	return {static_cast<std::uint8_t>(i), static_cast<std::uint8_t>(coded + i),
+	        static_cast<std::uint8_t>(2 * coded + i % 16)};
+}
+
+// A matte ball under a sky of 1, with an image of which any side shows all coded texels and black ones: a sample of it
+// has the texel's colour as its radiance.
+Scene coded_ball()
+{
+	constexpr std::uint32_t columns = 12, rows = 10, margin = 3;
+	Texture image;
+	image.kind = Texture::Kind::Image;
+	image.width = 36;
+	image.height = rows + 2 * margin;
+	image.texels.assign(std::size_t(image.width) * image.height, 0u);
+	for (std::uint32_t y = margin; y < margin + rows; ++y)
+		for (std::uint32_t x = 0; x < image.width; ++x) {
+			const auto codes = codes_of_texel((x % columns) * rows + y - margin);
+			image.texels[y * image.width + x] =
+			    codes[0] | static_cast<std::uint32_t>(codes[1]) << 8 | static_cast<std::uint32_t>(codes[2]) << 16;
+		}
+	Scene scene;
+	scene.camera.from = {0, 0, -4};
+	scene.camera.at = {0, 0, 0};
+	scene.sky.kind = Sky::Kind::Constant;
+	scene.sky.bottom = {1, 1, 1};
+	scene.textures = {image};
+	Material matte;
+	matte.texture = 0;
+	scene.materials = {matte};
+	scene.spheres = {{{0, 0, 0}, 1, 0}};
+	return scene;
+}
+
+struct Codes {
+	std::vector<bool> seen = std::vector<bool>(coded); // texels
+	std::size_t wrong = 0;                             // pixels that are of no texel
+};
+
+Codes codes_of(const Film& film)
+{
+	const std::vector<std::uint8_t> bytes = to_8bit(film, {Transfer::Srgb, 0});
+	Codes codes;
+	for (std::size_t i = 0; i + 2 < bytes.size(); i += 3) {
+		const std::array<std::uint8_t, 3> pixel = {bytes[i], bytes[i + 1], bytes[i + 2]};
+		if (pixel[0] < coded && pixel == codes_of_texel(pixel[0]))
+			codes.seen[pixel[0]] = true;
+		else if (pixel != std::array<std::uint8_t, 3>{0, 0, 0} && pixel != std::array<std::uint8_t, 3>{255, 255, 255})
+			++codes.wrong;
+	}
+	return codes;
 }
 
 } // namespace
@@ -243,4 +305,43 @@ TEST_CASE("rule 17: on every device a film says how it was built and computed", 
 		CHECK(provenance_value(other, "BuildOptions") != built);
 		CHECK(provenance_value(other, "Contract") != provenance_value(provenance, "Contract"));
 	}
+}
+
+TEST_CASE("rule 19: on every device an image's codes come back from the film as they were", "[rules]")
+{
+	RenderSettings settings;
+	settings.width = settings.height = 128;
+	const Result<PackedScene> packed = pack_scene(coded_ball(), settings, {0, 0, 128, 128});
+	REQUIRE(packed);
+	for (const TestDevice& device : test_devices()) {
+		INFO(device.name);
+		const Codes codes = codes_of(render(*packed, device, {}, 1));
+		CHECK(codes.wrong == 0);
+		CHECK(std::count(codes.seen.begin(), codes.seen.end(), true) == coded);
+		if (device.is_reference())
+			continue;
+		// The control: the middle between two codes for one of them.
+		TestDevice faulty = device;
+		faulty.device = make_faulty(device.device,
+		                            {"a wrong table", {{"kernels/srgb_table.h", "0x1.be4d6cp-5f", "0x1.c50db3p-5f"}}});
+		const Codes wrong = codes_of(render(*packed, faulty, {}, 1));
+		CHECK(wrong.wrong > 0);
+	}
+}
+
+TEST_CASE("rule 21: a checkpoint of any device is gone on from on any other", "[rules]")
+{
+	const TestScene& scene = test_scenes().front();
+	const PackedScene packed = pack_test_scene(scene);
+	const Film straight = render(packed, reference_device(), {}, 5);
+	for (const TestDevice& first : test_devices())
+		for (const TestDevice& second : test_devices()) {
+			INFO(first.name << ", then " << second.name);
+			const std::vector<std::uint8_t> checkpoint = encode_rtfilm(render(packed, first, {}, 2), {});
+			Result<LoadedFilm> loaded = decode_rtfilm(checkpoint.data(), checkpoint.size(), "checkpoint");
+			REQUIRE(loaded);
+			CHECK(loaded->film.hash().hex() != straight.hash().hex());
+			REQUIRE(loaded->film.add(render(packed, second, {}, 3, 2)));
+			CHECK(loaded->film.hash().hex() == straight.hash().hex());
+		}
 }

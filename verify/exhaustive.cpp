@@ -48,8 +48,8 @@ const std::vector<ExhaustiveFunction> functions = {
     {"to-float", "all 2^32 integers", ExhaustiveKind::Device, RT_EXHAUST_TO_FLOAT, 1ull << 32, false, false},
     {"cell", "all floats, each among 1 to 2^20 cells of a texture", ExhaustiveKind::Device, RT_EXHAUST_CELL, 1ull << 32,
      false, false},
-    {"roulette", "throughputs in [2^-60, 1) and random numbers", ExhaustiveKind::Device, RT_EXHAUST_ROULETTE, 1ull << 28,
-     true, true},
+    {"roulette", "throughputs in [2^-60, 1) and random numbers", ExhaustiveKind::Device, RT_EXHAUST_ROULETTE,
+     1ull << 28, true, true},
     {"random", "keys of the independent sampler", ExhaustiveKind::Device, RT_EXHAUST_RANDOM, 1ull << 30, true, false},
     {"sobol", "keys of the sampler sobol", ExhaustiveKind::Device, RT_EXHAUST_SOBOL, 1ull << 28, true, false},
     {"display", "all floats in [0, 2] to 8 bits by each transfer", ExhaustiveKind::Display, 0, (1ull << 30) + 1, false,
@@ -179,7 +179,8 @@ Words answer(const rt_operands& o, Totals& totals)
 		return {narrow(weight).first, narrow(std::min(weight * number(o.a), 1.0)).first};
 	} else if constexpr (operation == RT_EXHAUST_RANDOM || operation == RT_EXHAUST_SOBOL) {
 		const std::uint32_t seed = rt_exhaust_shuffle(o.c ^ 0x3c6ef372u);
-		const rt_random4 u = operation == RT_EXHAUST_SOBOL ? rt_sobol(seed, o.a, o.b, o.c) : rt_random(seed, o.a, o.b, o.c);
+		const rt_random4 u =
+		    operation == RT_EXHAUST_SOBOL ? rt_sobol(seed, o.a, o.b, o.c) : rt_random(seed, o.a, o.b, o.c);
 		const bool last = (o.c & 1u) != 0;
 		return {rt_bits(last ? u.c : u.a), rt_bits(last ? u.d : u.b)};
 	} else // RT_EXHAUST_TO_FLOAT

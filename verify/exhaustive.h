@@ -1,4 +1,4 @@
-// exhaustive.h: the contract's operations over all their inputs, on one device (rules 2, 4, 10 to 13, 15, 16, 19).
+// exhaustive.h: the contract's operations over all their inputs, on one device (rules 2, 4, 6, 10 to 16, 19).
 //
 // The device hashes its results block by block (kernels/exhaust.cl) while the host works out the answers: from double
 // or integers where they are those of IEEE arithmetic, from the host's compilation of the kernels where they are ours,

@@ -159,7 +159,7 @@ void print(const CoverageCase& wanted, const Coverage& coverage)
 	std::cout << wanted.scene << ", " << estimator_name(wanted.estimator) << ", error " << wanted.error << ": covered "
 	          << 100 * coverage.of_all << " %, of the worst tile " << 100 * coverage.of_worst_tile
 	          << " %; bound / error " << coverage.ratio << "; " << coverage.samples << " samples a pixel; "
-	          << 100 * coverage.unfinished << " % of the tiles unfinished\n";
+	          << 100 * coverage.unfinished << " % of the tiles unfinished" << std::endl;
 }
 
 } // namespace
@@ -434,8 +434,8 @@ TEST_CASE("the error lies under the bound in 95 of 100 renders")
 	CHECK(coverage.of_smaller < 0.9);
 }
 
-// By hand: test_adaptive "[coverage]"; docs/manual.md has the figures. Where lamps are found by chance only, the truth
-// is taken with aimed rays, which know it better.
+// By hand: test_adaptive "[coverage]", or with -c "lamp, nee" one of them; docs/manual.md has the figures. Where lamps
+// are found by chance only, the truth is taken with aimed rays, which know it better.
 TEST_CASE("coverage of the bound on more scenes", "[.coverage]")
 {
 	for (const CoverageCase& wanted : {CoverageCase{"three-spheres", 0.1, 1024}, CoverageCase{"weekend", 0.07, 1024},
@@ -444,5 +444,8 @@ TEST_CASE("coverage of the bound on more scenes", "[.coverage]")
 	                                   CoverageCase{"cornell", 0.2, 1024, Estimator::Nee, 8192, Estimator::Nee},
 	                                   CoverageCase{"lamp", 0.1, 1024, Estimator::Nee, 16384, Estimator::Nee},
 	                                   CoverageCase{"lamp", 0.5, 1024, Estimator::Path, 16384, Estimator::Nee}})
-		print(wanted, measure_coverage(wanted));
+		DYNAMIC_SECTION(wanted.scene << ", " << estimator_name(wanted.estimator))
+		{
+			print(wanted, measure_coverage(wanted));
+		}
 }

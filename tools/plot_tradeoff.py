@@ -35,6 +35,21 @@ def configuration(point):
     return " ".join(words)
 
 
+def undisturbed(result):
+    """The result with times that the rest of the machine has no part in: where the cores' seconds are known, these over
+    the number of cores, and the front by them."""
+    points = []
+    for point in result["points"]:
+        cores, units = point.get("cpu_seconds"), result["devices"][point["device"]].get("compute_units")
+        points.append({**point, "seconds": cores / units, "most_seconds": None} if cores and units else dict(point))
+    if any(point["most_seconds"] is None for point in points):
+        best = math.inf
+        for point in sorted(points, key=lambda point: (point["seconds"], point["rel_rmse"])):
+            point["on_front"] = point["rel_rmse"] < best * (1 - CLEARLY_NEARER)
+            best = min(best, point["rel_rmse"]) if point["on_front"] else best
+    return {**result, "points": points}
+
+
 def curves(result):
     """Points by device and configuration, in the order of samples."""
     groups = {}
@@ -83,6 +98,7 @@ def plot(result, path):
 # feature may cost a scene that does not use it.
 CLEAR_Z = 4
 SHORT_SECONDS = 0.005
+CLEARLY_NEARER = 0.01 # as render/tradeoff.h has it
 FLOAT_STEP = 2 ** -24
 FEATURE_LIMIT = 0.02
 # Of each measurement only what the page needs, so that the file stays small.
@@ -152,26 +168,20 @@ def clearest(bias):
     return max(bias.values(), key=lambda channel: abs(channel["z"]))
 
 
-def times_of(point, other):
-    """How many times the other's time a point took: of the cores' time where it is known, which others on the machine do
-    not lengthen."""
-    kind = "cpu_seconds" if point.get("cpu_seconds") and other.get("cpu_seconds") else "seconds"
-    return point[kind] / other[kind]
-
-
 def samples_for(points, error):
     """How many samples a configuration needs for an error, their time, and whether that lies beyond what was measured:
     there the error falls with the root of the samples, as for rt tradeoff. None below what one sample gives."""
     known = [point for point in points if not point["is_bound"]]
-    for before, after in zip(known, known[1:]):
+    if known and known[-1]["rel_rmse"] > error:
+        times = (known[-1]["rel_rmse"] / error) ** 2
+        return known[-1]["samples"] * times, known[-1]["seconds"] * times, True
+    # From where on it stays below: of rare bright paths, few samples may have met none.
+    for before, after in reversed(list(zip(known, known[1:]))):
         if after["rel_rmse"] <= error <= before["rel_rmse"]:
             part = math.log(before["rel_rmse"] / error) / math.log(before["rel_rmse"] / after["rel_rmse"])
             samples = before["samples"] * (after["samples"] / before["samples"]) ** part
             seconds = before["seconds"] * (after["seconds"] / before["seconds"]) ** part
             return samples, seconds, False
-    if known and known[-1]["rel_rmse"] > error:
-        times = (known[-1]["rel_rmse"] / error) ** 2
-        return known[-1]["samples"] * times, known[-1]["seconds"] * times, True
     return None
 
 
@@ -209,8 +219,8 @@ def identity_cases(results):
             if both:
                 most = both[-1]
                 cases.append((result["scene"], device_text(facts), most, exact[most]["seconds"],
-                              times_of(exact[most], fast[most]),
-                              times_of(double[twice[-1]], exact[twice[-1]]) if twice else None,
+                              exact[most]["seconds"] / fast[most]["seconds"],
+                              double[twice[-1]]["seconds"] / exact[twice[-1]]["seconds"] if twice else None,
                               exact[most]["rel_rmse"] / fast[most]["rel_rmse"] - 1))
     measured = {case[:2] for case in cases}
     for entry in results["rungs"]:
@@ -357,7 +367,7 @@ def gain_cases(results):
                 last = known[-1]
                 other = plain[last["samples"]]
                 cases.append((result["scene"], device_text(result["devices"][device]), name, last["samples"],
-                              other["rel_mse"] / last["rel_mse"], times_of(last, other)))
+                              other["rel_mse"] / last["rel_mse"], last["seconds"] / other["seconds"]))
     return sorted(cases, key=lambda case: (case[0], case[1], -case[4] / case[5]))
 
 
@@ -377,7 +387,7 @@ def tradeoff_text(result):
     for point in sorted(result["points"], key=lambda point: point["seconds"]):
         bias = clearest(point["bias"])
         lines.append(f"| {'*' if point['on_front'] else ''} | {configuration(point)} | {point['samples']} | "
-                     f"{time_text(point['seconds'])} | {time_text(point['most_seconds'])} | "
+                     f"{time_text(point['seconds'])} | {time_text(point['most_seconds']) if point['most_seconds'] else ''} | "
                      f"{'<' if point['is_bound'] else ''}{percent_text(point['rel_rmse'])} | {point['flip']:.4f} | "
                      f"{100 * bias['relative']:+.2g} % ({bias['z']:+.1f}) |")
     lines += ["", *(f"Left out: {what}.  " for what in result["left_out"])]
@@ -479,7 +489,10 @@ def summary(results):
         lines.append("- **How many samples does a bit of accuracy cost?** Four times as many for half the error, with "
                      "plain sampling. Before more samples take what gains most:")
         best = {}
+        most = {case[:2]: max(other[3] for other in gains if other[:2] == case[:2]) for case in gains}
         for case in gains:
+            if case[3] < most[case[:2]]:
+                continue
             if case[:2] not in best or case[4] / case[5] > best[case[:2]][4] / best[case[:2]][5]:
                 best[case[:2]] = case
         for scene, device, name, samples, error, seconds in best.values():
@@ -489,21 +502,22 @@ def summary(results):
         lines.append(f"- **Where does float end and double begin?** Beyond {power_text(least)} samples a pixel, in the worst "
                      f"of {len(cases)} measurements ({entry['scene']}): until then an image's noise is larger than float's "
                      "bias. `double` is for checking, not for pictures.")
-    if results["features"]:
+    if compiled := [entry for entry in results["features"] if entry["device"]["backend"] != "reference"]:
         lines.append("- **What does a feature cost a scene that does not use it?** Nothing, where rt compiles a program "
                      "for the scene; the generic program takes "
-                     f"{span([generic_ratio(entry) for entry in results['features']])} times its time. The reference "
+                     f"{span([generic_ratio(entry) for entry in compiled])} times its time. The reference "
                      "backend has to take that for some scenes (below).")
     return [*lines, ""] if lines else []
 
 
 def page(results):
+    results = {**results, "tradeoffs": [undisturbed(result) for result in results["tradeoffs"]]}
     lines = ["# Speed against accuracy", "",
              "<!-- Made by tools/plot_tradeoff.py from docs/tradeoff.json; do not edit. -->", "",
              "For someone who must choose: a precision, a sampler, an estimator, a number of samples. All figures are",
              "measured, on the devices and days that they name. The processors' figures are of a machine with two cores",
-             "that other programs shared: times are the least of some repeats, and only ratios of one run count; they are",
-             "of the cores' time where that was taken.",
+             "that other programs shared, and only ratios of one run count: times are the least of some repeats, or, where",
+             "no *worst* stands beside them, the seconds of all cores over their number, which others do not lengthen.",
              "*Error* is the relative RMSE against a converged image in double of other random numbers, whose own error",
              "is taken off; 2 % is an image that looks clean, 10 % one that looks grainy.", "",
              "The short answer for your scene and your device is", "",
@@ -560,7 +574,8 @@ def page(results):
     lines += ["## What do samplers and estimators gain?", ""]
     if rows := gain_rows(results):
         lines += ["MSE and time against plain `exact` at the same number of samples; the gain is the one over the other. The MSE",
-                  "of a scene of rare bright paths (cornell, lamp) is itself known to a third or so.",
+                  "of a scene of rare bright paths (cornell, and more so lamp, whose metal throws light onto the matte) is itself",
+                  "known to a factor of two or so: take the magnitude, and compare rows of the same number of samples only.",
                   "", "| scene | device | configuration | samples | MSE, times less | time, times | gain |",
                   "|---|---|---|---|---|---|---|", *rows, ""]
     else:
@@ -600,7 +615,7 @@ def main():
     if bool(options.result) != bool(options.output):
         parser.error("a result and --output go together")
     if options.result:
-        plot(json.loads(Path(options.result).read_text()), options.output)
+        plot(undisturbed(json.loads(Path(options.result).read_text())), options.output)
         return
     results = load("tradeoff", ("tradeoffs", "rungs", "features"))
     if options.check:
@@ -610,7 +625,7 @@ def main():
         add(results, json.loads(Path(path).read_text()), path)
     keep("tradeoff", results, page(results))
     for result in results["tradeoffs"]:
-        plot(result, IMAGES / plot_name(result))
+        plot(undisturbed(result), IMAGES / plot_name(result))
 
 
 main()

@@ -167,9 +167,7 @@ RT_KERNEL(rt_exhaust)
 			rt_probe_words words = rt_probe_film(a);
 			x = words.low;
 			y = words.high;
-		} else if (operation == RT_EXHAUST_CELL)
-			x = rt_to_uint(rt_cell(a, b));
-		else if (operation == RT_EXHAUST_RANDOM || operation == RT_EXHAUST_SOBOL) {
+		} else if (operation == RT_EXHAUST_RANDOM || operation == RT_EXHAUST_SOBOL) {
 			/* Of the key's four numbers the first two, or the last two where c is odd. */
 			rt_mask last = (o.c & 1u) != 0u;
 			rt_words4 key;
@@ -177,21 +175,31 @@ RT_KERNEL(rt_exhaust)
 			key.y = o.b;
 			key.z = o.c;
 			key.w = rt_exhaust_shuffle(o.c ^ 0x3c6ef372u);
+#if RT_HAS(RT_FEATURE_SOBOL)
 			if (operation == RT_EXHAUST_SOBOL) {
 				key.y = rt_sel(last, rt_splat_u(RT_SCRAMBLE_CD), rt_splat_u(RT_SCRAMBLE_AB));
 				rt_random2 point = rt_sobol_point(key, rt_reverse_bits(o.b));
 				x = rt_bits(point.a);
 				y = rt_bits(point.b);
-			} else {
+			}
+#endif
+			if (operation == RT_EXHAUST_RANDOM) {
 				rt_words4 words = rt_pcg4d(key);
 				x = rt_bits(rt_unit(rt_sel(last, words.z, words.x)));
 				y = rt_bits(rt_unit(rt_sel(last, words.w, words.y)));
 			}
-		} else if (operation == RT_EXHAUST_ROULETTE) {
+		}
+#if RT_HAS(RT_FEATURE_CHECKER)
+		if (operation == RT_EXHAUST_CELL)
+			x = rt_to_uint(rt_cell(a, b));
+#endif
+#if RT_HAS(RT_FEATURE_ROULETTE)
+		if (operation == RT_EXHAUST_ROULETTE) {
 			rt_float weight = rt_roulette(0x51ab1e5u, o.b, o.c, o.c >> 26, a);
 			x = rt_bits(weight);
 			y = rt_bits(weight * a);
 		}
+#endif
 
 		x = rt_sel(o.used, x, rt_splat_u(0u));
 		y = rt_sel(o.used, y, rt_splat_u(0u));

@@ -113,9 +113,17 @@ Result<LoadedImage> decode(const std::uint8_t* data, std::size_t bytes, const st
 	RT_TRY_ASSIGN(const Names channels, channels_of(header, image));
 	read_provenance(header, image.provenance);
 
-	// Band by band, so that a short file that claims a large picture fails before memory is taken for it.
-	constexpr std::int64_t band_rows = 256;
+	// The library takes memory for whole chunks of rows before it looks whether the file has them. An even picture is
+	// compressed best: 32 rows of 16384 pixels and three channels into some 40 bytes.
+	constexpr std::uint64_t most_values_a_byte = 1u << 17;
 	const std::size_t row_values = static_cast<std::size_t>(width) * image.channels;
+	if (static_cast<std::uint64_t>(height) * row_values / most_values_a_byte > bytes)
+		return broken_image("EXR", fmt::format("{} bytes cannot hold {} x {} pixels", bytes, width, height), name);
+
+	// Band by band, so that a short file that claims a large picture fails before memory is taken for it.
+	constexpr std::size_t band_values = 1u << 24;
+	const std::int64_t band_rows =
+	    std::clamp<std::int64_t>(static_cast<std::int64_t>(band_values / row_values), 1, 256);
 	std::vector<float> band;
 	for (std::int64_t y = 0; y < height; y += band_rows) {
 		const std::int64_t rows = std::min(band_rows, height - y);

@@ -286,6 +286,24 @@ TEST_CASE("EXRs of other programs: half, grey, other channels; integers are refu
 	}
 }
 
+TEST_CASE("an EXR that claims more than its bytes can hold takes no memory for it")
+{
+	// The right edge of its data window, after the name, the type, the size and the left and upper edges.
+	Bytes bytes = foreign_exr({{"R", Imf::HALF}, {"G", Imf::HALF}, {"B", Imf::HALF}});
+	const std::string name("dataWindow\0box2i\0", 17);
+	const auto at = std::search(bytes.begin(), bytes.end(), name.begin(), name.end());
+	REQUIRE(at != bytes.end());
+	const auto edge = at + 17 + 4 + 8;
+	for (const std::uint32_t last : {2u, 59999999u}) {
+		for (int i = 0; i < 4; ++i)
+			edge[i] = static_cast<std::uint8_t>(last >> 8 * i);
+		const auto image = decode_image(bytes.data(), bytes.size(), "wide.exr");
+		REQUIRE(bool(image) == (last == 2));
+		if (!image)
+			CHECK(image.error().message.find("cannot hold 60000000 x 2 pixels") != std::string::npos);
+	}
+}
+
 TEST_CASE("PFMs of other programs: the other byte order, grey")
 {
 	const std::string header = "PF\n1 1\n1.0\n";

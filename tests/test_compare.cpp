@@ -294,13 +294,13 @@ TEST_CASE("an EXR that claims more than its bytes can hold takes no memory for i
 	const auto at = std::search(bytes.begin(), bytes.end(), name.begin(), name.end());
 	REQUIRE(at != bytes.end());
 	const auto edge = at + 17 + 4 + 8;
-	for (const std::uint32_t last : {2u, 59999999u}) {
+	for (const std::uint32_t last : {2u, 19999999u}) {
 		for (int i = 0; i < 4; ++i)
 			edge[i] = static_cast<std::uint8_t>(last >> 8 * i);
 		const auto image = decode_image(bytes.data(), bytes.size(), "wide.exr");
 		REQUIRE(bool(image) == (last == 2));
 		if (!image)
-			CHECK(image.error().message.find("cannot hold 60000000 x 2 pixels") != std::string::npos);
+			CHECK(image.error().message.find("cannot hold 20000000 x 2 pixels") != std::string::npos);
 	}
 }
 

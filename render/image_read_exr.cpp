@@ -1,6 +1,7 @@
 #include "render/image_decoders.h"
 
 #include <ImfChannelList.h>
+#include <ImfCompression.h>
 #include <ImfFrameBuffer.h>
 #include <ImfHeader.h>
 #include <ImfIO.h>
@@ -113,12 +114,16 @@ Result<LoadedImage> decode(const std::uint8_t* data, std::size_t bytes, const st
 	RT_TRY_ASSIGN(const Names channels, channels_of(header, image));
 	read_provenance(header, image.provenance);
 
-	// The library takes memory for whole chunks of rows before it looks whether the file has them. An even picture is
-	// compressed best: 32 rows of 16384 pixels and three channels into some 40 bytes.
-	constexpr std::uint64_t most_values_a_byte = 1u << 17;
-	const std::size_t row_values = static_cast<std::size_t>(width) * image.channels;
-	if (static_cast<std::uint64_t>(height) * row_values / most_values_a_byte > bytes)
+	// The library takes memory for whole chunks of rows, of all channels, before it looks whether the file has them.
+	constexpr std::uint64_t small_chunk = 1u << 24, most_values_a_byte = 1u << 11;
+	std::uint64_t file_channels = 0;
+	for (auto i = header.channels().begin(); i != header.channels().end(); ++i)
+		++file_channels;
+	const std::uint64_t chunk_rows = header.compression() == Imf::DWAB_COMPRESSION ? 256 : 32; // at most
+	if (static_cast<std::uint64_t>(width) * file_channels * chunk_rows >
+	    std::max(small_chunk, bytes * most_values_a_byte))
 		return broken_image("EXR", fmt::format("{} bytes cannot hold {} x {} pixels", bytes, width, height), name);
+	const std::size_t row_values = static_cast<std::size_t>(width) * image.channels;
 
 	// Band by band, so that a short file that claims a large picture fails before memory is taken for it.
 	constexpr std::size_t band_values = 1u << 24;

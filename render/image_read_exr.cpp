@@ -115,7 +115,7 @@ Result<LoadedImage> decode(const std::uint8_t* data, std::size_t bytes, const st
 	read_provenance(header, image.provenance);
 
 	// The library takes memory for whole chunks of rows, of all channels, before it looks whether the file has them.
-	constexpr std::uint64_t small_chunk = 1u << 24, most_values_a_byte = 1u << 11;
+	constexpr std::uint64_t small_chunk = 1u << 23, most_values_a_byte = 1u << 11;
 	std::uint64_t file_channels = 0;
 	for (auto i = header.channels().begin(); i != header.channels().end(); ++i)
 		++file_channels;

@@ -47,9 +47,8 @@ struct DeviceInfo {
 	std::uint64_t memory_bytes = 0;    // device memory (host memory for a CPU)
 	std::uint64_t max_alloc_bytes = 0; // largest single buffer
 	std::uint32_t compute_units = 0;
-	std::uint32_t native_lanes = 1; // RT_LANES this device is best given: its native float width
-	bool indexes_parameters = true; // its compiler can read an array among a kernel's parameters
-	bool hardware_seeds = false;    // kernels reach rsqrt/rcp approximations: our own roots are then the faster ones
+	std::uint32_t native_lanes = 1;        // RT_LANES this device is best given: its native float width
+	bool indexes_parameters = true;        // its compiler can read an array among a kernel's parameters
 	bool reports_correct_rounding = false; // the driver says / and sqrt are correctly rounded (not relied on)
 	bool reports_subnormals = false;
 	bool reports_fp64 = false;
@@ -97,6 +96,7 @@ struct ProgramSpec {
 	std::string root;                                         // embedded kernel file: "kernels/render.cl"
 	std::vector<std::pair<std::string, std::string>> defines; // emitted as #define lines above the text
 	std::vector<std::string> entries;                         // kernel functions that will be launched
+	std::uint32_t registers = 0;      // a work-item may take, where a GPU's compiler can be told; 0: its choice
 	bool traced = false;              // with a note behind every operation (backends/traced_text.h)
 	std::vector<TextEdit> edits = {}; // applied in order; an error where one does not apply,
 	                                  // or where the kernels are not compiled from text

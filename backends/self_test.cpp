@@ -354,7 +354,7 @@ ProgramSpec probe_program(const DeviceInfo& info, bool software_roots)
 	spec.root = "kernels/probe.cl";
 	spec.entries = {"rt_probe", "rt_probe_layout", "rt_render"};
 	spec.defines = {{"RT_LANES", fmt::format("{}", info.native_lanes)},
-	                {"RT_DEF_NATIVE_ROOTS", software_roots || info.hardware_seeds ? "0" : "1"}};
+	                {"RT_DEF_NATIVE_ROOTS", software_roots ? "0" : "1"}};
 	return spec;
 }
 
@@ -400,7 +400,7 @@ CacheKey cache_key(const DeviceInfo& info, Precision precision)
 	        info.name,
 	        info.driver,
 	        info.compiler,
-	        fmt::format("lanes {} seeds {} {}", info.native_lanes, info.hardware_seeds, cache_environment()),
+	        fmt::format("lanes {} {}", info.native_lanes, cache_environment()),
 	        fmt::format("self-test{}, contract {}, kernels {}, rt {} {}",
 	                    precision == Precision::Double ? " in double" : "", RT_CONTRACT_VERSION, kernel_hash(),
 	                    RT_VERSION, RT_REVISION)};

@@ -10,7 +10,8 @@
  *   rt_splat* rt_sel rt_any rt_not rt_lane_ids RT_GATHER_*                  lane operations
  *   rt_store_* rt_load_*                                                    all lanes to memory and back
  *   rt_load_rows rt_mask_bits rt_lowest_bit                                 for one ray against RT_LANES things
- *   rt_seed_* rt_native_* rt_fast_* rt_vote_any                             what a device does its own way
+ *   rt_seed_* rt_native_* rt_fast_*                                         what a device does its own way
+ *   rt_vote_any rt_warp_* rt_add_shared                                     lanes of a warp together
  *
  * Lanes. With RT_LANES = 1 a lane type is a scalar and `if (rt_any(m))` is an ordinary branch. With
  * 4, 8 or 16 it is a vector and one work-item carries that many paths; a mask is then 0 or -1 a lane.
@@ -532,8 +533,9 @@ RT_FN float rt_seed_rcp(float x)
 #endif
 
 /* ---- the device's own square root and quotient ----------------------------------------------------
- * Exact: used only where the self-test proves them. Double: correctly rounded by IEEE 754 and by OpenCL's rules for
- * fp64. Fast: whatever is quickest. */
+ * Exact: used only where the self-test proves them. NVIDIA's are its approximations and one step, as its own compiler
+ * has them, without the branch for subnormals. Double: correctly rounded by IEEE 754 and by OpenCL's rules for fp64.
+ * Fast: whatever is quickest. */
 #if RT_PRECISION == RT_PRECISION_DOUBLE
 #if defined(RT_TARGET_CUDA)
 #define rt_native_sqrt(x) __dsqrt_rn(x)
@@ -561,8 +563,13 @@ RT_FN float rt_native_sqrt(float x)
 #else
 #define rt_fast_rsqrt(x) (1.0f / rt_native_sqrt(x))
 #endif
-#elif defined(RT_TARGET_CUDA)
-#define rt_native_sqrt(x) __fsqrt_rn(x)
+#elif RT_HARDWARE_SEEDS
+RT_FN float rt_native_sqrt(float x)
+{
+	float y = rt_seed_rsqrt(x);
+	float root = x * y;
+	return rt_fma(rt_fma(-root, root, x), 0.5f * y, root);
+}
 #elif defined(RT_TARGET_OPENCL)
 #define rt_native_sqrt(x) sqrt(x)
 #endif
@@ -573,10 +580,12 @@ RT_FN float rt_native_sqrt(float x)
 #define rt_native_rcp(x) rt_seed_rcp(x)
 #elif RT_FAST(RT_FAST_RECIPROCALS) && defined(RT_TARGET_OPENCL)
 #define rt_native_rcp(x) native_recip(x)
-#elif defined(RT_TARGET_CUDA)
-#define rt_native_rcp(x) __frcp_rn(x)
-#elif defined(RT_TARGET_OPENCL)
-#define rt_native_rcp(x) (1.0f / (x))
+#elif RT_HARDWARE_SEEDS
+RT_FN float rt_native_rcp(float x)
+{
+	float y = rt_seed_rcp(x);
+	return rt_fma(rt_fma(-x, y, 1.0f), y, y);
+}
 #else
 #define rt_native_rcp(x) (1.0f / (x))
 #endif
@@ -595,12 +604,36 @@ RT_FN float rt_native_sqrt(float x)
 #define RT_FAST_HAS_SINCOS 0
 #endif
 
-/* ---- is any path of the warp alive? ---------------------------------------------------------------
- * The head of the path loop. A warp vote keeps the lanes of a warp in one loop; without it NVIDIA's compiler splits the
- * loop and they never meet again. It cannot change a result: a lane that is done is masked off. */
+/* ---- the device's own minimum and maximum ---------------------------------------------------------
+ * Of a number and NaN they are the number: other than rt_min and rt_max, so only for what cannot reach a pixel. */
+#if defined(RT_TARGET_CUDA) && RT_PRECISION == RT_PRECISION_DOUBLE
+#define rt_native_min(a, b) fmin((a), (b))
+#define rt_native_max(a, b) fmax((a), (b))
+#elif defined(RT_TARGET_CUDA)
+#define rt_native_min(a, b) fminf((a), (b))
+#define rt_native_max(a, b) fmaxf((a), (b))
+#elif defined(RT_TARGET_OPENCL) && RT_LANES == 1
+#define rt_native_min(a, b) fmin((a), (b))
+#define rt_native_max(a, b) fmax((a), (b))
+#endif
+
+/* ---- lanes of a warp ------------------------------------------------------------------------------
+ * With one lane a work-item, NVIDIA's work-items run in warps of RT_WARP, and may ask what the others of theirs do.
+ * It cannot change a result: only who does which work, and when. Elsewhere a work-item is a warp of its own.
+ *   rt_vote_any(mask)         is it so for any? The head of the path loop: without a vote there NVIDIA's compiler
+ * splits the loop, and the lanes of a warp never meet again rt_warp_ballot(mask)      bit k: is it so for lane k? To be
+ * asked by all lanes together rt_warp_here()            the lanes that are at this very place rt_warp_count(bits),
+ * rt_warp_rank(bits, lane)   how many are set; how many of them below a lane's rt_add_shared(sum, x)     adds to a sum
+ * that several lanes may add to at the same time */
 #if RT_LANES == 1 && defined(RT_TARGET_CUDA)
+#define RT_WARP 32u
 #define rt_vote_any(mask) __any_sync(0xffffffffu, (mask))
+#define rt_warp_ballot(mask) __ballot_sync(0xffffffffu, (mask))
+#define rt_warp_here() __activemask()
+#define rt_warp_count(bits) ((rt_u32)__popc(bits))
+#define rt_add_shared(sum, x) ((void)atomicAdd((rt_u64*)(sum), (rt_u64)(x)))
 #elif RT_LANES == 1 && defined(RT_TARGET_OPENCL) && RT_DEF_PTX
+#define RT_WARP 32u
 RT_FN int rt_vote_any(int mask)
 {
 	int any_lane;
@@ -609,9 +642,34 @@ RT_FN int rt_vote_any(int mask)
 	               : "r"(mask));
 	return any_lane;
 }
+RT_FN rt_u32 rt_warp_ballot(int mask)
+{
+	rt_u32 bits;
+	__asm volatile("{ .reg .pred p; setp.ne.s32 p, %1, 0; vote.sync.ballot.b32 %0, p, 0xffffffff; }"
+	               : "=r"(bits)
+	               : "r"(mask));
+	return bits;
+}
+RT_FN rt_u32 rt_warp_here(void)
+{
+	rt_u32 bits;
+	__asm volatile("activemask.b32 %0;" : "=r"(bits));
+	return bits;
+}
+#define rt_warp_count(bits) ((rt_u32)popcount(bits))
+RT_FN void rt_add_shared(__global rt_i64* sum, rt_i64 x)
+{
+	__asm volatile("red.global.add.u64 [%0], %1;" : : "l"((rt_u64)sum), "l"(x) : "memory");
+}
 #else
+#define RT_WARP 1u
 #define rt_vote_any(mask) rt_any(mask)
+#define rt_warp_ballot(mask) ((mask) ? 1u : 0u)
+#define rt_warp_here() 1u
+#define rt_warp_count(bits) (bits)
+#define rt_add_shared(sum, x) (*(sum) += (x))
 #endif
+#define rt_warp_rank(bits, lane) rt_warp_count((bits) & ((1u << (lane)) - 1u))
 
 /* An ordinary branch for one lane, an unconditional block for several (which mask with rt_sel instead). */
 #if RT_LANES == 1

@@ -12,7 +12,7 @@
 #include "common/rt_compat.h"
 
 /* A sphere as the hit test reads it. radius > 0 always: a hollow sphere becomes its dielectric's inverse index. */
-typedef struct rt_sphere {
+typedef struct RT_ALIGN_16 rt_sphere {
 	float cx, cy, cz; /* centre */
 	float radius;
 } rt_sphere;
@@ -71,7 +71,7 @@ RT_STATIC_ASSERT(sizeof(rt_row4) == 16, row4);
 
 #define RT_NO_TEXTURE 0xffffffffu
 
-typedef struct rt_material {
+typedef struct RT_ALIGN_16 rt_material {
 	float albedo_r, albedo_g, albedo_b; /* in [0, 1]; dielectric: 1 */
 	float fuzz;                         /* metal, in [0, 1] */
 	float emission_r, emission_g, emission_b;

@@ -17,6 +17,18 @@
 #include "kernels/scene_view.h"
 #include "kernels/sphere.h"
 
+/* How far a walk through the tree has got. With one lane it may be broken off (rt_bvh_walk); what remains to be seen is
+ * on its stack. */
+typedef struct rt_walk {
+	rt_hit hit; /* the nearest so far */
+	rt_u32 link, top;
+	rt_mask underway;
+} rt_walk;
+typedef struct rt_walk_stack {
+	rt_u32 links[RT_BVH_STACK(RT_LANES)];
+	rt_float entries[RT_BVH_STACK(RT_LANES)];
+} rt_walk_stack;
+
 #if RT_HAS(RT_FEATURE_BVH)
 
 /* What boxes are padded by, in units of (the tree's extent + the ray's distance from its centre + its reach). With
@@ -67,16 +79,29 @@ RT_FN rt_mask rt_slabs_are_numbers(rt_slabs slabs)
 
 #if RT_LANES == 1
 
+/* Of so many lanes that set out together, how many must be walking for a walk to be gone on with: as measured (docs/
+ * performance.md, Steps). */
+#define RT_WALKERS(came) ((came) / 2u)
+
+/* Of slabs' t. Where one is NaN the device's own let a ray into more boxes than ours, which leaves no hit out. */
+#ifdef rt_native_min
+RT_FN rt_float rt_slab_min(rt_float a, rt_float b) { return rt_native_min(a, b); }
+RT_FN rt_float rt_slab_max(rt_float a, rt_float b) { return rt_native_max(a, b); }
+#else
+RT_FN rt_float rt_slab_min(rt_float a, rt_float b) { return rt_min(a, b); }
+RT_FN rt_float rt_slab_max(rt_float a, rt_float b) { return rt_max(a, b); }
+#endif
+
 /* One box against one ray: where it enters, or RT_MAX_FLOAT if it misses or enters behind `limit`. */
 RT_FN rt_float rt_box_entry(rt_slabs slabs, rt_float near_x, rt_float far_x, rt_float near_y, rt_float far_y,
                             rt_float near_z, rt_float far_z, rt_float limit)
 {
-	rt_float entry = rt_max(rt_max(rt_fma(near_x, slabs.inverse.x, slabs.near_shift.x),
-	                               rt_fma(near_y, slabs.inverse.y, slabs.near_shift.y)),
-	                        rt_max(rt_fma(near_z, slabs.inverse.z, slabs.near_shift.z), 0.0f));
-	rt_float leave = rt_min(
-	    rt_min(rt_fma(far_x, slabs.inverse.x, slabs.far_shift.x), rt_fma(far_y, slabs.inverse.y, slabs.far_shift.y)),
-	    rt_min(rt_fma(far_z, slabs.inverse.z, slabs.far_shift.z), limit));
+	rt_float entry = rt_slab_max(rt_slab_max(rt_fma(near_x, slabs.inverse.x, slabs.near_shift.x),
+	                                         rt_fma(near_y, slabs.inverse.y, slabs.near_shift.y)),
+	                             rt_slab_max(rt_fma(near_z, slabs.inverse.z, slabs.near_shift.z), 0.0f));
+	rt_float leave = rt_slab_min(rt_slab_min(rt_fma(far_x, slabs.inverse.x, slabs.far_shift.x),
+	                                         rt_fma(far_y, slabs.inverse.y, slabs.far_shift.y)),
+	                             rt_slab_min(rt_fma(far_z, slabs.inverse.z, slabs.far_shift.z), limit));
 	return entry <= leave ? entry : RT_MAX_FLOAT;
 }
 
@@ -91,21 +116,33 @@ RT_FN rt_float rt_box_entry(rt_slabs slabs, rt_float near_x, rt_float far_x, rt_
 		child[j] = child_;          \
 	}
 
-RT_FN rt_hit rt_bvh_hit(rt_scene_view view, rt_ray ray, rt_hit hit, rt_mask live)
+/* Begins a walk; `hit` is the nearest so far. */
+RT_FN void rt_bvh_begin(rt_scene_view view, rt_hit hit, RT_PRIVATE rt_walk* walk)
+{
+	walk->hit = hit;
+	walk->link = view.scene->bvh_root;
+	walk->top = 0u;
+	walk->underway = RT_TRUE;
+}
+
+/* Goes on with a walk to its end; or, unless it is wanted `whole`, until so few lanes of the warp are still walking
+ * that the others had better shade what they met and set out again. It takes at least one step. */
+RT_FN void rt_bvh_walk(rt_scene_view view, rt_ray ray, RT_PRIVATE rt_walk* walk, RT_PRIVATE rt_walk_stack* stack,
+                       int whole)
 {
 	rt_slabs slabs = rt_ray_slabs(view.scene, ray);
 	/* Rows of a node: near and far planes by axis; which is which depends on the sign of the direction. */
 	rt_u32 flip_x = rt_sign_bit(ray.dir.x);
 	rt_u32 flip_y = rt_sign_bit(ray.dir.y);
 	rt_u32 flip_z = rt_sign_bit(ray.dir.z);
-	rt_u32 stack[RT_BVH_STACK(RT_LANES)];
-	rt_float entries[RT_BVH_STACK(RT_LANES)];
-	rt_u32 top = 0u;
-	rt_u32 link = view.scene->bvh_root;
-	(void)live;
+	rt_u32 top = walk->top;
+	rt_u32 link = walk->link;
+	rt_hit hit = walk->hit;
+	rt_u32 came = rt_warp_count(rt_warp_here());
 
+	walk->underway = RT_FALSE;
 	if (!rt_slabs_are_numbers(slabs))
-		return hit;
+		return;
 	for (;;) {
 		/* Go down to a leaf, nearest child first. */
 		while ((link & RT_BVH_LEAF) == 0u) {
@@ -133,16 +170,16 @@ RT_FN rt_hit rt_bvh_hit(rt_scene_view view, rt_ray ray, rt_hit hit, rt_mask live
 			if (entry[0] < RT_MAX_FLOAT) {
 				link = child[0];
 				if (entry[3] < RT_MAX_FLOAT) {
-					stack[top] = child[3];
-					entries[top++] = entry[3];
+					stack->links[top] = child[3];
+					stack->entries[top++] = entry[3];
 				}
 				if (entry[2] < RT_MAX_FLOAT) {
-					stack[top] = child[2];
-					entries[top++] = entry[2];
+					stack->links[top] = child[2];
+					stack->entries[top++] = entry[2];
 				}
 				if (entry[1] < RT_MAX_FLOAT) {
-					stack[top] = child[1];
-					entries[top++] = entry[1];
+					stack->links[top] = child[1];
+					stack->entries[top++] = entry[1];
 				}
 			}
 		}
@@ -159,11 +196,29 @@ RT_FN rt_hit rt_bvh_hit(rt_scene_view view, rt_ray ray, rt_hit hit, rt_mask live
 		}
 		/* What lies behind the hit needs no visit; an equal t may still have the smaller id. */
 		do {
-			if (top == 0u)
-				return hit;
-			link = stack[--top];
-		} while (entries[top] > hit.t);
+			if (top == 0u) {
+				walk->hit = hit;
+				return;
+			}
+			link = stack->links[--top];
+		} while (stack->entries[top] > hit.t);
+		if (!whole && RT_WALKERS(came) > rt_warp_count(rt_warp_here()))
+			break;
 	}
+	walk->hit = hit;
+	walk->link = link;
+	walk->top = top;
+	walk->underway = RT_TRUE;
+}
+
+RT_FN rt_hit rt_bvh_hit(rt_scene_view view, rt_ray ray, rt_hit hit, rt_mask live)
+{
+	rt_walk walk;
+	rt_walk_stack stack;
+	(void)live;
+	rt_bvh_begin(view, hit, &walk);
+	rt_bvh_walk(view, ray, &walk, &stack, 1);
+	return walk.hit;
 }
 
 #else
@@ -348,6 +403,27 @@ RT_FN rt_hit rt_closest_hit(rt_scene_view view, rt_ray ray, rt_mask live)
 #else
 	(void)live;
 	return rt_closest_listed(view, ray, 1);
+#endif
+}
+
+/* The same for a path's next segment, in pieces where that keeps a warp busy: until walk->underway says that it is
+ * over, the hit is none yet. `walk` and `stack` are the path's. */
+RT_FN rt_hit rt_next_hit(rt_scene_view view, rt_ray ray, rt_mask live, RT_PRIVATE rt_walk* walk,
+                         RT_PRIVATE rt_walk_stack* stack)
+{
+#if RT_HAS(RT_FEATURE_BVH) && RT_WARP > 1
+	int has_tree = view.scene->bvh_root != RT_BVH_NONE;
+	(void)live;
+	if (!walk->underway)
+		rt_bvh_begin(view, rt_closest_listed(view, ray, !has_tree), walk);
+	walk->underway = RT_FALSE;
+	if (has_tree)
+		rt_bvh_walk(view, ray, walk, stack, 0);
+	return walk->hit;
+#else
+	(void)walk;
+	(void)stack;
+	return rt_closest_hit(view, ray, live);
 #endif
 }
 

@@ -108,4 +108,10 @@ RT_FN rt_i64 rt_channel_total(rt_u32 high, rt_u32 low, rt_u32 samples)
 	return (rt_i64)(high - bias) * 1048576 + (rt_i64)(rt_i32)(low - bias);
 }
 
+/* A tally of segments and rejected samples */
+RT_FN rt_i64 rt_tally(rt_u32 segments, rt_u32 rejected)
+{
+	return (rt_i64)segments + ((rt_i64)rejected << RT_TALLY_REJECTED_SHIFT);
+}
+
 #endif

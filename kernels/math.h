@@ -1,6 +1,6 @@
 /* math.h: the elementary functions, defined so that every device computes the same bits.
  *
- * Square root and reciprocal are correctly rounded: by the device's own operations where the self-test proves them
+ * Square root and reciprocal are correctly rounded: by the device's own means where the self-test proves them
  * (RT_DEF_NATIVE_ROOTS), else by the fma sequences below, whose result is the correctly rounded one for every seed
  * within 4 ulp. The rest is polynomials in fma Horner form with hex-float constants; tools/fit_polynomials.py made
  * them. Those of the double rung are in kernels/math_double.h.

@@ -297,11 +297,14 @@ RT_FN rt_vec3 rt_gather_aimed(rt_scene_view view, rt_path path, rt_mask mask)
 }
 #endif
 
-/* Takes the paths of `live` one segment further and returns those that end with it; *segments counts. */
-RT_FN rt_mask rt_path_step(rt_scene_view view, RT_PRIVATE rt_path* path, rt_uint pixel, rt_uint sample, rt_mask live,
+/* Takes the paths of `live` one segment further, or a part of one (rt_next_hit), and returns those that end with it;
+ * *segments counts. */
+RT_FN rt_mask rt_path_step(rt_scene_view view, RT_PRIVATE rt_path* path, RT_PRIVATE rt_walk* walk,
+                           RT_PRIVATE rt_walk_stack* stack, rt_uint pixel, rt_uint sample, rt_mask live,
                            RT_PRIVATE rt_uint* segments)
 {
-	rt_hit hit = rt_closest_hit(view, path->ray, live);
+	rt_hit hit = rt_next_hit(view, path->ray, live, walk, stack);
+	live = live & rt_not(walk->underway);
 	rt_mask met = hit.index >= rt_splat_i(0);
 	rt_mask missed = live & rt_not(met);
 	rt_mask shade = live & met;

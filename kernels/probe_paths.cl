@@ -52,18 +52,8 @@ RT_KERNEL(rt_probe_paths)
  RT_GLOBAL rt_u32* RT_RESTRICT out, rt_u32 first_sample, rt_u32 count)
 {
 	RT_UNIFORM const rt_scene* scene = &scene_value;
-	rt_scene_view view;
-	view.scene = scene;
-	view.few = &few;
-	view.spheres = spheres;
-	view.wide = wide;
-	view.sphere_ids = sphere_ids;
-	view.sphere_materials = sphere_materials;
-	view.bvh = bvh;
-	view.materials = materials;
-	view.textures = textures;
-	view.texels = texels;
-	view.lights = lights;
+	rt_scene_view view = rt_scene_viewed(scene, &few, spheres, wide, sphere_ids, sphere_materials, bvh, materials,
+	                                     textures, texels, lights);
 
 	rt_uint id = RT_GLOBAL_ID * RT_LANES + rt_lane_ids();
 	rt_mask live = id < rt_splat_u(count);

@@ -60,18 +60,8 @@ RT_KERNEL(rt_render)
  rt_u32 sample_count, rt_u32 slices, rt_u32 slice_pixels)
 {
 	RT_UNIFORM const rt_scene* scene = &scene_value;
-	rt_scene_view view;
-	view.scene = scene;
-	view.few = &few;
-	view.spheres = spheres;
-	view.wide = wide;
-	view.sphere_ids = sphere_ids;
-	view.sphere_materials = sphere_materials;
-	view.bvh = bvh;
-	view.materials = materials;
-	view.textures = textures;
-	view.texels = texels;
-	view.lights = lights;
+	rt_scene_view view = rt_scene_viewed(scene, &few, spheres, wide, sphere_ids, sphere_materials, bvh, materials,
+	                                     textures, texels, lights);
 
 	rt_u32 tiles_across = RT_TILES(scene->window_width, 1u, RT_LANES);
 	rt_u32 slice_tiles = RT_TILES(scene->window_width, row_count, RT_LANES);
@@ -82,13 +72,13 @@ RT_KERNEL(rt_render)
 	rt_tile tile;
 	tile.column = place % tiles_across * RT_TILE_WIDTH;
 	tile.row = first_row + place / tiles_across * RT_TILE_ROWS(RT_LANES); /* int */
-	tile.end_column = tile.column + RT_LESSER(RT_TILE_WIDTH, scene->window_width - tile.column);
-	tile.end_row =
-	    tile.row + (slice < slices ? RT_LESSER(RT_TILE_ROWS(RT_LANES), first_row + row_count - tile.row) : 0u);
-	tile.first_sample = first_sample + slice * share + (slice < rest ? slice : rest); /* int */
-	tile.sample_count = slice < slices ? share + (slice < rest ? 1u : 0u) : 0u;
+	tile.end_column = RT_LESSER(tile.column + RT_TILE_WIDTH, scene->window_width);
+	tile.end_row = RT_LESSER(tile.row + RT_TILE_ROWS(RT_LANES), first_row + row_count); /* int */
+	tile.first_sample = first_sample + slice * share + (slice < rest ? slice : rest);   /* int */
+	tile.sample_count = share + (slice < rest ? 1u : 0u);                               /* int */
 	tile.first_pixel = slice * slice_pixels;
-	rt_trace_tile(view, tile, RT_GLOBAL_ID % RT_TILE_ITEMS(RT_LANES), film);
+	if (slice < slices)
+		rt_trace_tile(view, tile, RT_GLOBAL_ID % RT_TILE_ITEMS(RT_LANES), film);
 }
 
 #endif

@@ -21,14 +21,20 @@ namespace {
 
 // A launch aims at this long: short enough for a smooth bar, a quick Ctrl-C and every watchdog.
 constexpr double target_launch_seconds = 0.1;
+// Pixel samples of the first launch, whose speed nobody knows yet, at most: 0.1 s of a slow processor or GPU. Each
+// launch ends with some waiting for its longest paths, so a small image should not need several.
+constexpr double first_budget = 0x1p16, gpu_first_budget = 0x1p22;
 // A device holds the sums of this many bytes of pixels at once; larger windows are rendered page by page.
 constexpr std::uint64_t page_bytes = std::uint64_t(1) << 28;
 constexpr double progress_interval_seconds = 0.1;
 // Of the film, that a thread adds at once.
 constexpr std::uint64_t pixels_a_thread = std::uint64_t(1) << 13;
-// A GPU's compute unit holds at most about this many threads; a launch should offer it as many. More would leave each
-// too few samples to go on with when a path ends.
-constexpr std::uint64_t threads_a_compute_unit = 2048, launch_fills = 1;
+// A GPU's compute unit holds at most about this many threads; a launch should offer it some times as many, so that
+// those that are through early find something left. Many more would leave each too few samples to go on with.
+constexpr std::uint64_t threads_a_compute_unit = 2048, launch_fills = 2;
+// What a program that walks a tree may take of a GPU's registers, a thread: its compiler, left to itself, takes fewer
+// and fetches a node's rows one after the other (docs/performance.md, Steps).
+constexpr std::uint32_t tree_registers = 96;
 constexpr std::uint32_t max_slices = 32;
 // Spheres and boxes that a ray tries in a tree, roughly.
 constexpr std::size_t typical_visits = 64;
@@ -178,7 +184,8 @@ struct Shared {
 	Clock::time_point start = Clock::now();
 	Clock::time_point last_progress = start;
 	std::uint64_t samples_done = 0, samples_total = 0;
-	std::optional<Error> error;   // of the first worker that failed; the others stop
+	std::optional<Error> error; // of the first worker that failed; the others stop
+	bool film_is_populated = false;
 	bool page_is_fresh = false;   // nothing of this page is in the film yet
 	std::size_t page_workers = 0; // that began it
 	// A snapshot is wanted: every worker adds what its device holds to the film; the last one hands it out.
@@ -235,8 +242,7 @@ public:
 		RT_TRY_ASSIGN(program_, device_->build(spec));
 		stats_.build = program_->report();
 		stats_.lanes = lanes_of(device_->info(), options);
-		stats_.native_roots =
-		    options.precision != Precision::Exact || (!options.software_roots && !device_->info().hardware_seeds);
+		stats_.native_roots = options.precision != Precision::Exact || !options.software_roots;
 
 		if (packed.spheres.size() <= RT_MAX_FEW_SPHERES) {
 			std::copy(packed.spheres.begin(), packed.spheres.end(), few_.spheres);
@@ -245,7 +251,8 @@ public:
 		stats_.bvh = !packed.bvh.empty();
 		// A guess to begin with, corrected by every launch: brute force costs in proportion to the spheres.
 		const std::size_t tried = packed.bvh.empty() ? packed.spheres.size() : packed.wide.size() + typical_visits;
-		budget_ = std::min(65536.0, 0x1p27 / (8.0 + double(tried)));
+		const bool is_gpu = device_->info().kind == DeviceKind::Gpu;
+		budget_ = std::min(is_gpu ? gpu_first_budget : first_budget, 0x1p27 / (8.0 + double(tried)));
 
 		const Clock::time_point start = Clock::now();
 		RT_TRY(upload_list(spheres_, &PackedScene::spheres));
@@ -394,6 +401,8 @@ private:
 			                       group_size()));
 			samples += std::uint64_t(width) * work.rows * work.samples;
 		}
+		if (device_->info().kind == DeviceKind::Gpu)
+			populate_film();
 		RT_TRY(device_->wait());
 		const double seconds = seconds_since(start);
 		done_.insert(done_.end(), works.begin(), works.end());
@@ -408,6 +417,20 @@ private:
 		shared_.samples_done += samples;
 		shared_.report_progress(false);
 		return success();
+	}
+
+	// While a GPU works the processor waits: it makes the film's pages, which otherwise come one by one when the first
+	// sums are added, in half the time that all the launches of a short render take.
+	void populate_film()
+	{
+		{
+			const std::lock_guard<std::mutex> lock(shared_.mutex);
+			if (shared_.film_is_populated)
+				return;
+			shared_.film_is_populated = true;
+		}
+		shared_.film.sums().populate();
+		shared_.film.samples().populate();
 	}
 
 	Status serve_snapshot()
@@ -575,7 +598,7 @@ ProgramSpec render_program(const PackedScene& packed, const DeviceInfo& device, 
 	const std::uint32_t features = options.specialise ? packed.features : std::uint32_t(RT_FEATURE_ALL);
 	spec.defines.emplace_back("RT_LANES", fmt::format("{}", lanes_of(device, options)));
 	spec.defines.emplace_back("RT_FEATURES", fmt::format("{:#x}u", features));
-	spec.defines.emplace_back("RT_DEF_NATIVE_ROOTS", options.software_roots || device.hardware_seeds ? "0" : "1");
+	spec.defines.emplace_back("RT_DEF_NATIVE_ROOTS", options.software_roots ? "0" : "1");
 	set_precision(spec, options.precision, options.fast_parts);
 	if (options.allow_contraction)
 		spec.defines.emplace_back("RT_DEF_CONTRACT", "1");
@@ -583,6 +606,8 @@ ProgramSpec render_program(const PackedScene& packed, const DeviceInfo& device, 
 		spec.defines.emplace_back("RT_DEF_SPHERE_COUNT", fmt::format("{}", packed.spheres.size()));
 		spec.defines.emplace_back("RT_DEF_WIDE_COUNT", fmt::format("{}", packed.wide.size()));
 	}
+	if ((features & RT_FEATURE_BVH) != 0)
+		spec.registers = tree_registers;
 	spec.defines.emplace_back("RT_PROGRAM_ID", fmt::format("{:#x}u", program_id(spec)));
 	return spec;
 }

@@ -67,10 +67,9 @@ Result<Tracer> Tracer::make(DeviceHandle device, const PackedScene& packed, cons
 	tracer.traced_spec_.root = "kernels/trace.cl";
 	tracer.traced_spec_.traced = true;
 	tracer.traced_spec_.entries = {"rt_render"};
-	const bool own_roots = options.software_roots || tracer.info().hardware_seeds;
 	tracer.traced_spec_.defines = {{"RT_LANES", "1"},
 	                               {"RT_FEATURES", fmt::format("{:#x}u", unsigned(RT_FEATURE_ALL))},
-	                               {"RT_DEF_NATIVE_ROOTS", own_roots ? "0" : "1"}};
+	                               {"RT_DEF_NATIVE_ROOTS", options.software_roots ? "0" : "1"}};
 	return tracer;
 }
 

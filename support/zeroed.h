@@ -19,6 +19,10 @@ namespace rt {
 // Has large pages put where a whole one fits, if the system knows any; nothing but speed depends on it.
 void prefer_large_pages(void* memory, std::size_t bytes);
 
+// Has the system make the pages now, by several threads, if it can: what they hold stays as it is. For a time at which
+// the processor has nothing else to do.
+void populate_pages(void* memory, std::size_t bytes);
+
 template <class T>
 class Zeroed {
 	static_assert(std::is_integral_v<T>, "bytes of zero must be a T of 0");
@@ -44,6 +48,7 @@ public:
 	bool empty() const { return size_ == 0; }
 	T* data() { return data_.get(); }
 	const T* data() const { return data_.get(); }
+	void populate() { populate_pages(data_.get(), size_ * sizeof(T)); }
 	T* begin() { return data_.get(); }
 	T* end() { return data_.get() + size_; }
 	const T* begin() const { return data_.get(); }

@@ -35,7 +35,7 @@ const char* const film = "kernels/film.h";
 
 std::vector<Planted> planted_faults(const TestDevice& device)
 {
-	const bool own_roots = device.needs_software_roots || device.device->info().hardware_seeds;
+	const bool own_roots = device.needs_software_roots;
 	const TextEdit approximate_division =
 	    own_roots ? TextEdit{math, "rt_from_bits(0x7f000000u - rt_bits(x)), y);",
 	                         "rt_from_bits(0x7f000000u - rt_bits(x)), rt_from_bits(rt_bits(y) ^ 1u));"}

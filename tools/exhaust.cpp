@@ -199,7 +199,7 @@ private:
 	{
 		RT_TRY_ASSIGN(const SelfTestReport report, self_test(device_));
 		// What rt renders with must be right; of the other roots it is only told.
-		renders_with_ours_ = report.needs_software_roots || device_->info().hardware_seeds;
+		renders_with_ours_ = report.needs_software_roots;
 		if (!report.passed)
 			report_warning("this device fails its self-test: " + report.first_failure());
 		return success();

@@ -14,7 +14,6 @@ DeviceInfo imagined_gpu()
 	DeviceInfo gpu;
 	gpu.backend = "cuda";
 	gpu.kind = DeviceKind::Gpu;
-	gpu.hardware_seeds = true;
 	gpu.reports_fp64 = true;
 	return gpu;
 }
@@ -22,7 +21,7 @@ DeviceInfo imagined_gpu()
 Result<PtxasUse> ptxas_use(const Nvrtc& nvrtc, const ProgramSpec& spec, int capability)
 {
 	RT_TRY_ASSIGN(const std::string text, flatten_program(spec));
-	std::vector<std::string> options = nvrtc_options();
+	std::vector<std::string> options = nvrtc_options(false, false, spec.registers);
 	options.emplace_back("--ptxas-options=-v");
 	PtxasUse use;
 	const auto start = std::chrono::steady_clock::now();

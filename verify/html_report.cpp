@@ -144,8 +144,7 @@ private:
 		for (const VerifiedDevice& device : list())
 			cell(device.probe.needs_software_roots
 			         ? "ours, because the device's is wrong: " + html_escape(device.probe.native_roots_failure)
-			     : device.info.hardware_seeds ? "ours, from the hardware's approximation"
-			                                  : "the device's own",
+			         : "the device's own",
 			     device.probe.needs_software_roots ? "odd" : "");
 		out_ += "</tr>\n";
 		end_table();

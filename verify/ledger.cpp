@@ -84,8 +84,6 @@ std::vector<Json> rows_of(const VerifyReport& report)
 		            {"seconds", rounded(device.probe.seconds)},
 		            {"passed", !device.error && device.probe.passed},
 		            {"why", device.error ? device.error->message : device.probe.first_failure()}});
-		if (device.info.hardware_seeds && !device.probe.needs_software_roots)
-			row["variant"] = "software roots";
 		rows.push_back(std::move(row));
 		for (const FilmCheck& film : device.films) {
 			const GoldenScene& scene = report.verification.scenes[film.scene];

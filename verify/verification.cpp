@@ -113,8 +113,7 @@ private:
 		if (options_.depth != VerifyDepth::Quick)
 			variants.push_back(FilmVariant::Specialised);
 		// Where software roots are used anyway, both variants above had them.
-		if (options_.depth == VerifyDepth::Full && !verified.probe.needs_software_roots &&
-		    !verified.info.hardware_seeds)
+		if (options_.depth == VerifyDepth::Full && !verified.probe.needs_software_roots)
 			variants.push_back(FilmVariant::SoftwareRoots);
 		if (options_.depth == VerifyDepth::Full)
 			variants.push_back(FilmVariant::Tree);

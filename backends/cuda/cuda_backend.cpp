@@ -140,7 +140,6 @@ Result<DeviceInfo> describe_device(const CudaApi& api, const Compiler& compiler,
 	info.memory_bytes = info.max_alloc_bytes = memory;
 	info.compute_units = static_cast<std::uint32_t>(attribute(api, cu_attribute_multiprocessor_count, device));
 	// True of every GPU that CUDA supports, with the options of nvrtc_options().
-	info.hardware_seeds = true;
 	info.reports_correct_rounding = info.reports_subnormals = info.reports_fp64 = true;
 
 	RT_TRY_ASSIGN(const int capability, cuda_capability(api, device));

@@ -299,7 +299,8 @@ Status CudaDevice::build_compiled(const ProgramSpec& spec, CudaProgram& program)
 {
 	RT_TRY_ASSIGN(const NvrtcTarget target, nvrtc_->target_for(capability_));
 	RT_TRY_ASSIGN(std::string text, flatten_program(spec));
-	const std::vector<std::string> options = nvrtc_options(lets_compiler_fuse(spec), flushes_subnormals(spec));
+	const std::vector<std::string> options =
+	    nvrtc_options(lets_compiler_fuse(spec), flushes_subnormals(spec), spec.registers);
 	BuildReport& report = program.report_to_fill();
 	report.options = target.option();
 	for (const std::string& option : options)

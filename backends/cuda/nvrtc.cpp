@@ -175,10 +175,13 @@ Result<NvrtcOutput> Nvrtc::compile(const std::string& text, const std::string& n
 	return output;
 }
 
-std::vector<std::string> nvrtc_options(bool contract, bool flush)
+std::vector<std::string> nvrtc_options(bool contract, bool flush, std::uint32_t registers)
 {
-	return {"--std=c++17", contract ? "--fmad=true" : "--fmad=false", flush ? "--ftz=true" : "--ftz=false",
-	        "--prec-div=true", "--prec-sqrt=true"};
+	std::vector<std::string> options = {"--std=c++17", contract ? "--fmad=true" : "--fmad=false",
+	                                    flush ? "--ftz=true" : "--ftz=false", "--prec-div=true", "--prec-sqrt=true"};
+	if (registers != 0)
+		options.push_back(fmt::format("--maxrregcount={}", registers));
+	return options;
 }
 
 const char* nvrtc_packages()

@@ -81,7 +81,8 @@ private:
 
 // The options that keep the contract; the target's option is added by compile(). `contract` lets the compiler fuse
 // products and sums, for the tests that show that it finds none (RT_DEF_CONTRACT).
-std::vector<std::string> nvrtc_options(bool contract = false, bool flush = false);
+// registers: a thread may take at most; 0: the compiler's choice.
+std::vector<std::string> nvrtc_options(bool contract = false, bool flush = false, std::uint32_t registers = 0);
 
 // The packages that bring NVRTC, one distribution a line.
 const char* nvrtc_packages();

@@ -132,7 +132,6 @@ public:
 	    : api_(context->api), context_(std::move(context)), record_(std::move(record))
 	{
 		info_ = record_.info;
-		info_.hardware_seeds = record_.may_take_ptx && takes_ptx();
 	}
 	~OpenClDevice() override
 	{
@@ -150,6 +149,8 @@ public:
 		std::string options = record_.options;
 		if (flushes_subnormals(spec))
 			options += " -cl-denorms-are-zero";
+		if (spec.registers != 0 && record_.may_take_ptx)
+			options += fmt::format(" -cl-nv-maxrregcount={}", spec.registers);
 		RT_TRY_ASSIGN(OpenClProgramHandle program, build_text(text, spec.entries, options));
 		program->editable_report().seconds =
 		    std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

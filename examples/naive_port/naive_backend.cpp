@@ -53,7 +53,6 @@ public:
 	    : device_(std::move(device)), habits_(std::move(habits))
 	{
 		info_ = std::move(info);
-		info_.hardware_seeds = device_->info().hardware_seeds; // known only of an open device
 	}
 
 	Result<ProgramHandle> build(const ProgramSpec& spec) override

@@ -293,9 +293,6 @@ private:
 	Result<Json> report(const std::string& name, const std::vector<Rung>& all, const ConvergedFilm& converged)
 	{
 		const Rung& exact = all.front();
-		if (wanted_.against == "double" && all.back().precision != Precision::Double)
-			return Error{ErrorKind::Usage, "the device has no double precision", "--against double", "take another one",
-			             ""};
 		const Rung& base = wanted_.against == "double" ? all.back() : exact;
 		std::vector<std::vector<std::string>> rows = {
 		    {"rung", device_->info().is_processor() ? ">CPU seconds" : ">seconds", ">of exact", ">R bias (z)",
@@ -359,6 +356,9 @@ Result<int> run(int argc, char** argv)
 		return 0;
 	}
 	RT_TRY_ASSIGN(const MeasuredDevice device, open_measured_device(wanted.device));
+	if (wanted.against == "double" && !device.handle->info().reports_fp64)
+		return Error{ErrorKind::Usage, "the device has no double precision", "--against double", "take another one",
+		             ""};
 	Measuring measuring(wanted, device.handle, device.software_roots);
 	Json scenes = Json::array();
 	for (const std::string& scene : wanted.scenes) {

@@ -100,8 +100,8 @@ RT_FN rt_film_sum rt_film_clear(rt_film_sum sum, rt_mask mask)
 	return sum;
 }
 
-/* The integer that the sum of `samples` samples is. The high sum is never negative and may need all
- * 32 bits: 2^21 for each of 2^10 samples at the limit. */
+/* A channel's sum over `samples` samples as one integer, from the two words that it is kept in. The high word is never
+ * negative and may need all 32 bits: 2^21 for each of 2^10 samples at the limit. */
 RT_FN rt_i64 rt_channel_total(rt_u32 high, rt_u32 low, rt_u32 samples)
 {
 	rt_u32 bias = samples * RT_FILM_MAGIC_BITS;

@@ -145,15 +145,14 @@ TEST_CASE("an exhaustive run finds a wrong expression and names the operands", "
 		WARN("skipped: no device that compiles the kernels' text");
 		return;
 	}
-	SECTION("a reciprocal without its exception, the divisor of all ones")
+	SECTION("a reciprocal whose exception, the divisor of all ones, is rounded down")
 	{
+		// That is what Newton's steps alone make of it from nearly all seeds. Leaving the exception out would be no
+		// fault everywhere: the seed that is the right result stays as it is, and NVIDIA's hardware gives that one.
 		const DeviceHandle faulty = make_faulty(
 		    device->device,
-		    {"no exception",
-		     {{"kernels/math.h",
-		       "return rt_sel((rt_bits(x) & 0x7fffffu) == rt_splat_u(0x7fffffu), rt_from_bits(0x7f000000u - "
-		       "rt_bits(x)), y);",
-		       "return y;"}}});
+		    {"the exception rounded down",
+		     {{"kernels/math.h", "rt_from_bits(0x7f000000u - rt_bits(x))", "rt_from_bits(0x7effffffu - rt_bits(x))"}}});
 		const ExhaustiveResult result = run(faulty, "quotient", 1, 1u << 14, true);
 		CHECK(result.failures > (1u << 10));
 		CHECK(result.first_failure.find("the contract says") != std::string::npos);

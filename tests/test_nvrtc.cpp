@@ -130,6 +130,19 @@ NvrtcOutput compile(const Nvrtc& nvrtc, const std::string& text, const NvrtcTarg
 	return expect(nvrtc.compile(text, "kernels/test.cl", target, options));
 }
 
+// Programs that ask devices about the rules and are not embedded: as verify/exhaustive.cpp and tests/test_paths.cpp
+// build them, with everything that a scene may need.
+std::vector<ProgramSpec> asking_programs()
+{
+	std::vector<ProgramSpec> specs;
+	for (const char* const native_roots : {"0", "1"}) {
+		specs.push_back(
+		    {"kernels/exhaust.cl", {{"RT_DEF_NATIVE_ROOTS", native_roots}}, {"rt_exhaust", "rt_exhaust_rays"}});
+		specs.push_back({"kernels/probe_paths.cl", {{"RT_DEF_NATIVE_ROOTS", native_roots}}, {"rt_probe_paths"}});
+	}
+	return specs;
+}
+
 // The contract's options with one replaced: ("--fmad=false", "--fmad=true").
 std::vector<std::string> options_with(const std::string& old_option, const std::string& new_option)
 {
@@ -232,6 +245,27 @@ TEST_CASE("NVRTC: every shipped feature mask compiles and keeps the contract")
 			}
 }
 
+TEST_CASE("NVRTC: what asks devices about the rules compiles and keeps them itself")
+{
+	const Nvrtc* const nvrtc = find_nvrtc();
+	if (!nvrtc)
+		return;
+	for (const ProgramSpec& spec : asking_programs()) {
+		INFO(generic_key(spec));
+		const std::string text = expect(flatten_program(spec));
+		const NvrtcTarget target{generic_capability, false};
+		const NvrtcOutput output = compile(*nvrtc, text, target);
+		CHECK(output.log.empty());
+		const Operations found = operations(output);
+		CHECK(forbidden(found).empty());
+		CHECK(count(found, "fma.rn.f32") > 0);
+		CHECK(count(found, "add.rn.f32") > 0);
+		const std::string ptx(output.image.begin(), output.image.end() - 1);
+		for (const std::string& entry : spec.entries)
+			CHECK(contains(ptx, (".entry " + entry + "(").c_str()));
+	}
+}
+
 TEST_CASE("NVRTC: the double rung computes in double alone, and fast takes what the GPU has")
 {
 	const Nvrtc* const nvrtc = find_nvrtc();
@@ -281,12 +315,15 @@ TEST_CASE("NVRTC: the double rung computes in double alone, and fast takes what 
 	CHECK(count(operations_of(Precision::Fast, RT_FAST_FLUSH), "fma.rn.ftz") > 0);
 }
 
-TEST_CASE("NVRTC: binary code of the render and probe programs is made without a warning")
+TEST_CASE("NVRTC: binary code of all programs is made without a warning")
 {
 	const Nvrtc* const nvrtc = find_nvrtc();
 	if (!nvrtc)
 		return;
-	for (const ProgramSpec& spec : generic_programs())
+	std::vector<ProgramSpec> specs = generic_programs();
+	for (const ProgramSpec& spec : asking_programs())
+		specs.push_back(spec);
+	for (const ProgramSpec& spec : specs)
 		for (const int capability : {75, 90}) {
 			INFO(generic_key(spec) << ", capability " << capability);
 			const NvrtcOutput output = compile(*nvrtc, expect(flatten_program(spec)), {capability, true});

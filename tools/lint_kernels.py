@@ -58,7 +58,7 @@ COMPAT_CALLS = {
     "aligned", "__align__", "alignas", "vector_size", "__builtin_convertvector", "__builtin_ctz", "__builtin_signbit",
     "_mm_fmadd_ps", "_mm_sqrt_ps", "_mm_movemask_ps", "_mm256_fmadd_ps", "_mm256_sqrt_ps", "_mm256_movemask_ps",
     "_mm512_fmadd_ps", "_mm512_maskz_sqrt_ps", "_mm512_test_epi32_mask", "_mm512_castps_si512", "as_float4", "as_float8",
-    "__builtin_ia32_movmskps", "__builtin_ia32_movmskps256", "__builtin_shufflevector",
+    "__builtin_ia32_movmskps", "__builtin_ia32_movmskps256",
 }
 KEYWORD_CALLS = {"if", "for", "while", "switch", "return", "sizeof", "defined", "else", "do", "case"}
 BANNED_WORDS = {

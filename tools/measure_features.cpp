@@ -1,13 +1,10 @@
 // measure_features.cpp: what each feature costs a scene that does not use it.
 //
-// usage: rt_measure_features [SCENE...] [--device X] [--backend X] [--size WxH] [--spp N] [--rounds N] [--json FILE]
-//                            [--sm CAPABILITY]
-//
 // Builds a scene's program as rt does, with its features only; then with one more, for each that it lacks; then with
 // all. Renders them in turns, so that a change of the machine's speed meets them all, and takes ratios of each round.
 // All must give the same film. Code size: of what the driver makes (PoCL's shared objects; elsewhere its binaries).
-// Registers, their code and its compilation are NVRTC's for a GPU of the capability (90), where NVRTC is there; that
-// needs no GPU; --sm 0 leaves them out. Drivers' caches are kept away, so that build times are those of a first run.
+// Registers, their code and its compilation are NVRTC's for a GPU of the capability that --sm says, where NVRTC is
+// there; that needs no GPU. Drivers' caches are kept away, so that build times are those of a first run.
 //
 // The scene's own program is measured twice: how far the two lie apart is how far this measurement can be trusted.
 //
@@ -40,14 +37,16 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
+constexpr const char* usage = R"(usage: rt_measure_features [SCENE...] [options]
+
+Tells what each feature costs a scene that does not use it, on one device.
+
+  SCENE           a file or a shipped scene (three-spheres)
+{}  --sm N          the capability of the GPU that registers and code are told of ({}); 0 leaves them out
+)";
+
 struct Wanted : MeasuringOptions {
-	Wanted()
-	{
-		width = 160;
-		height = 90;
-		samples = 16;
-		rounds = 9;
-	}
+	Wanted() : MeasuringOptions(160, 90, 16, 9) {}
 	int capability = 90;
 };
 
@@ -57,7 +56,7 @@ Result<Wanted> read_arguments(int argc, char** argv)
 	const auto own = [&wanted](const std::string& name, const char* value) {
 		return name == "--sm" && std::sscanf(value, "%d", &wanted.capability) == 1;
 	};
-	RT_TRY(read_measuring_options(argc, argv, "tools/measure_features.cpp", own, wanted));
+	RT_TRY(read_measuring_options(argc, argv, "rt_measure_features", own, wanted));
 	return wanted;
 }
 
@@ -134,12 +133,6 @@ std::vector<Candidate> candidates_for(std::uint32_t features)
 	generic.specialise = false;
 	all.push_back(std::move(generic));
 	return all;
-}
-
-double median(std::vector<double> values)
-{
-	std::sort(values.begin(), values.end());
-	return values[values.size() / 2];
 }
 
 class Measuring {
@@ -299,6 +292,10 @@ private:
 Result<int> run(int argc, char** argv)
 {
 	RT_TRY_ASSIGN(const Wanted wanted, read_arguments(argc, argv));
+	if (wanted.help) {
+		print_result(fmt::format(usage, measuring_usage(Wanted()), Wanted().capability));
+		return 0;
+	}
 	const Scratch scratch;
 	// Before a driver is loaded: what was built before must not be found.
 	setenv("RT_CACHE_DIR", scratch.path().c_str(), 1);

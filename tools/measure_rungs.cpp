@@ -1,11 +1,5 @@
 // measure_rungs.cpp: what the rungs cost and how far they lie apart, on one device and scene.
 //
-// usage: rt_measure_rungs SCENE... [--device X] [--backend X] [--size WxH] [--spp N] [--rounds N]
-//                         [--against exact|double] [--json FILE]
-//
-// A SCENE is a file, a shipped scene or one of the small scenes of this program, which show one feature each: matte,
-// metal, glass, texture, light, far-camera, huge-ground, many-spheres; `features` stands for all of these.
-//
 // Renders the scene in each rung, and in the fast rung with each of its approximations alone, in turns so that a
 // change of the machine's speed meets them all. The rungs take the same random numbers, so differences are taken pixel
 // by pixel: the signed mean with its z-score tells a bias, the root mean square the size of the scatter. Most of the
@@ -23,7 +17,6 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdlib>
@@ -38,6 +31,16 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
+constexpr const char* usage = R"(usage: rt_measure_rungs [SCENE...] [options]
+
+Tells what the rungs cost and how far they lie apart, on one device.
+
+  SCENE           a file, a shipped scene (three-spheres), or a small scene that shows one feature:
+                  {};
+                  "features" stands for all of these
+{}  --against X     the rung that differences are taken from: exact, double (exact)
+)";
+
 struct Rung {
 	std::string name;
 	Precision precision;
@@ -47,13 +50,7 @@ struct Rung {
 };
 
 struct Wanted : MeasuringOptions {
-	Wanted()
-	{
-		width = 320;
-		height = 180;
-		samples = 16;
-		rounds = 5;
-	}
+	Wanted() : MeasuringOptions(320, 180, 16, 5) {}
 	std::string against = "exact";
 };
 
@@ -152,7 +149,7 @@ Result<Wanted> read_arguments(int argc, char** argv)
 		wanted.against = value;
 		return name == "--against" && (wanted.against == "exact" || wanted.against == "double");
 	};
-	RT_TRY(read_measuring_options(argc, argv, "tools/measure_rungs.cpp", own, wanted));
+	RT_TRY(read_measuring_options(argc, argv, "rt_measure_rungs", own, wanted));
 	std::vector<std::string> scenes;
 	for (const std::string& name : wanted.scenes)
 		if (name == "features")
@@ -176,12 +173,6 @@ std::vector<Rung> rungs_of(const DeviceInfo& info)
 	if (info.reports_fp64)
 		all.push_back({"double", Precision::Double, RT_FAST_ALL, {}, {}});
 	return all;
-}
-
-double median(std::vector<double> values)
-{
-	std::sort(values.begin(), values.end());
-	return values[values.size() / 2];
 }
 
 // Steps between neighbouring floats from a to b; both are radiances, so neither is negative.
@@ -302,9 +293,6 @@ private:
 	Result<Json> report(const std::string& name, const std::vector<Rung>& all, const ConvergedFilm& converged)
 	{
 		const Rung& exact = all.front();
-		if (wanted_.against == "double" && all.back().precision != Precision::Double)
-			return Error{ErrorKind::Usage, "the device has no double precision", "--against double", "take another one",
-			             ""};
 		const Rung& base = wanted_.against == "double" ? all.back() : exact;
 		std::vector<std::vector<std::string>> rows = {
 		    {"rung", device_->info().is_processor() ? ">CPU seconds" : ">seconds", ">of exact", ">R bias (z)",
@@ -363,7 +351,14 @@ private:
 Result<int> run(int argc, char** argv)
 {
 	RT_TRY_ASSIGN(const Wanted wanted, read_arguments(argc, argv));
+	if (wanted.help) {
+		print_result(fmt::format(usage, fmt::join(feature_scenes, ", "), measuring_usage(Wanted())));
+		return 0;
+	}
 	RT_TRY_ASSIGN(const MeasuredDevice device, open_measured_device(wanted.device));
+	if (wanted.against == "double" && !device.handle->info().reports_fp64)
+		return Error{ErrorKind::Usage, "the device has no double precision", "--against double", "take another one",
+		             ""};
 	Measuring measuring(wanted, device.handle, device.software_roots);
 	Json scenes = Json::array();
 	for (const std::string& scene : wanted.scenes) {

@@ -8,16 +8,34 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include <algorithm>
 #include <cstdio>
 #include <ctime>
 
 namespace rt {
 
-Status read_measuring_options(int argc, char** argv, const char* source, const OwnOption& own,
+std::string measuring_usage(const MeasuringOptions& defaults)
+{
+	return fmt::format(
+	    R"(  --device X      index, part of a name, pci:... or uuid:... (rt devices); the best one if left out
+  --backend B     auto, cuda, opencl, reference
+  --size WxH      of the image ({}x{})
+  --spp N         samples a pixel ({})
+  --rounds N      how often everything is measured ({})
+  --json FILE     write the results there, too
+)",
+	    defaults.width, defaults.height, defaults.samples, defaults.rounds);
+}
+
+Status read_measuring_options(int argc, char** argv, const char* program, const OwnOption& own,
                               MeasuringOptions& options)
 {
 	for (int i = 1; i < argc; ++i) {
 		const std::string name = argv[i];
+		if (name == "--help" || name == "-h") {
+			options.help = true;
+			continue;
+		}
 		if (name.rfind("--", 0) != 0) {
 			options.scenes.push_back(name);
 			continue;
@@ -40,7 +58,7 @@ Status read_measuring_options(int argc, char** argv, const char* source, const O
 			good = good && own(name, value);
 		if (!good)
 			return Error{ErrorKind::Usage, fmt::format("{} '{}' is not understood", name, value), "command line",
-			             fmt::format("the head of {} lists the options", source), ""};
+			             fmt::format("{} --help lists the options", program), ""};
 	}
 	if (options.scenes.empty())
 		options.scenes = {"three-spheres"};
@@ -55,6 +73,12 @@ Result<MeasuredDevice> open_measured_device(const DeviceRequest& request)
 	if (!tested.passed)
 		return failed_self_test(chosen.front(), tested, "is an option of rt alone");
 	return MeasuredDevice{std::move(device), tested.needs_software_roots};
+}
+
+double median(std::vector<double> values)
+{
+	std::sort(values.begin(), values.end());
+	return values[values.size() / 2];
 }
 
 nlohmann::ordered_json measuring_head(const MeasuringOptions& options, const DeviceInfo& info)

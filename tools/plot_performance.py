@@ -124,7 +124,6 @@ def add_profile(results, path, date, device, what):
             lambda other: (other["device"], other["what"]))
 
 
-
 # ---- targets --------------------------------------------------------------------------------------------------------
 
 

@@ -26,8 +26,9 @@ rt::Result<std::string> usage_of(const rt::Nvrtc& nvrtc, const std::string& scen
 	RT_TRY_ASSIGN(const rt::SceneFile file, rt::open_scene(scene_name));
 	const rt::RenderSettings& settings = file.base.render;
 	RT_TRY_ASSIGN(rt::PackedScene packed, rt::pack_scene(file.base, settings, {0, 0, settings.width, settings.height}));
-	if (rt::wants_bvh(packed, 1, rt::Acceleration::Auto))
+	if (rt::wants_bvh(packed, 1, rt::Acceleration::Auto)) {
 		RT_TRY_ASSIGN(packed, rt::with_bvh(packed, 1));
+	}
 	const rt::ProgramSpec spec = rt::render_program(packed, rt::imagined_gpu(), {});
 	RT_TRY_ASSIGN(const rt::PtxasUse use, rt::ptxas_use(nvrtc, spec, capability));
 	std::string result = "the assembler's log has no registers";

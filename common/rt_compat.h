@@ -54,6 +54,12 @@
 #define RT_DEF_PTX 0
 #endif
 
+/* 1 in programs whose every operation is noted (backends/traced_text.h): there all devices go the same way, in no warps
+ * and without operations of their own. */
+#ifndef RT_TRACED
+#define RT_TRACED 0
+#endif
+
 /* The rung: which arithmetic the one source is compiled for (docs/contract.md, "Rungs").
  *   exact   float32 by the contract: the same bits on every device
  *   fast    float32 with what the device offers: no identity
@@ -606,7 +612,8 @@ RT_FN float rt_native_rcp(float x)
 
 /* ---- the device's own minimum and maximum ---------------------------------------------------------
  * Of a number and NaN they are the number: other than rt_min and rt_max, so only for what cannot reach a pixel. */
-#if defined(RT_TARGET_CUDA) && RT_PRECISION == RT_PRECISION_DOUBLE
+#if RT_TRACED
+#elif defined(RT_TARGET_CUDA) && RT_PRECISION == RT_PRECISION_DOUBLE
 #define rt_native_min(a, b) fmin((a), (b))
 #define rt_native_max(a, b) fmax((a), (b))
 #elif defined(RT_TARGET_CUDA)
@@ -620,19 +627,25 @@ RT_FN float rt_native_rcp(float x)
 /* ---- lanes of a warp ------------------------------------------------------------------------------
  * With one lane a work-item, NVIDIA's work-items run in warps of RT_WARP, and may ask what the others of theirs do.
  * It cannot change a result: only who does which work, and when. Elsewhere a work-item is a warp of its own.
- *   rt_vote_any(mask)         is it so for any? The head of the path loop: without a vote there NVIDIA's compiler
- * splits the loop, and the lanes of a warp never meet again rt_warp_ballot(mask)      bit k: is it so for lane k? To be
- * asked by all lanes together rt_warp_here()            the lanes that are at this very place rt_warp_count(bits),
- * rt_warp_rank(bits, lane)   how many are set; how many of them below a lane's rt_add_shared(sum, x)     adds to a sum
- * that several lanes may add to at the same time */
-#if RT_LANES == 1 && defined(RT_TARGET_CUDA)
+ *
+ * rt_vote_any: is it so for any lane? At the head of the path loop: without a vote there NVIDIA's compiler splits the
+ * loop, and the lanes of a warp never meet again.
+ *
+ * rt_warp_ballot: bit k tells whether it is so for lane k. To be asked by all lanes together.
+ *
+ * rt_warp_here: the lanes that are at this very place.
+ *
+ * rt_warp_count, rt_warp_rank: how many bits are set; how many of them below a lane's.
+ *
+ * rt_add_shared, where RT_WARP > 1: adds to a sum that several lanes may add to at the same time. */
+#if RT_LANES == 1 && defined(RT_TARGET_CUDA) && !RT_TRACED
 #define RT_WARP 32u
 #define rt_vote_any(mask) __any_sync(0xffffffffu, (mask))
 #define rt_warp_ballot(mask) __ballot_sync(0xffffffffu, (mask))
 #define rt_warp_here() __activemask()
 #define rt_warp_count(bits) ((rt_u32)__popc(bits))
 #define rt_add_shared(sum, x) ((void)atomicAdd((rt_u64*)(sum), (rt_u64)(x)))
-#elif RT_LANES == 1 && defined(RT_TARGET_OPENCL) && RT_DEF_PTX
+#elif RT_LANES == 1 && defined(RT_TARGET_OPENCL) && RT_DEF_PTX && !RT_TRACED
 #define RT_WARP 32u
 RT_FN int rt_vote_any(int mask)
 {
@@ -667,7 +680,6 @@ RT_FN void rt_add_shared(__global rt_i64* sum, rt_i64 x)
 #define rt_warp_ballot(mask) ((mask) ? 1u : 0u)
 #define rt_warp_here() 1u
 #define rt_warp_count(bits) (bits)
-#define rt_add_shared(sum, x) (*(sum) += (x))
 #endif
 #define rt_warp_rank(bits, lane) rt_warp_count((bits) & ((1u << (lane)) - 1u))
 

@@ -108,10 +108,22 @@ RT_FN rt_i64 rt_channel_total(rt_u32 high, rt_u32 low, rt_u32 samples)
 	return (rt_i64)(high - bias) * 1048576 + (rt_i64)(rt_i32)(low - bias);
 }
 
-/* A tally of segments and rejected samples */
-RT_FN rt_i64 rt_tally(rt_u32 segments, rt_u32 rejected)
+/* Adds what so many samples came to, in so many segments, to a pixel; lanes of a warp may share it. */
+RT_FN void rt_film_pixel_add(RT_GLOBAL rt_film_pixel* pixel, rt_u32 samples, rt_u32 r_high, rt_u32 r_low, rt_u32 g_high,
+                             rt_u32 g_low, rt_u32 b_high, rt_u32 b_low, rt_u32 segments, rt_u32 rejected)
 {
-	return (rt_i64)segments + ((rt_i64)rejected << RT_TALLY_REJECTED_SHIFT);
+	rt_i64 tally = (rt_i64)segments + ((rt_i64)rejected << RT_TALLY_REJECTED_SHIFT);
+#if RT_WARP > 1
+	rt_add_shared(&pixel->r, rt_channel_total(r_high, r_low, samples));
+	rt_add_shared(&pixel->g, rt_channel_total(g_high, g_low, samples));
+	rt_add_shared(&pixel->b, rt_channel_total(b_high, b_low, samples));
+	rt_add_shared(&pixel->tally, tally);
+#else
+	pixel->r += rt_channel_total(r_high, r_low, samples);
+	pixel->g += rt_channel_total(g_high, g_low, samples);
+	pixel->b += rt_channel_total(b_high, b_low, samples);
+	pixel->tally += tally;
+#endif
 }
 
 #endif

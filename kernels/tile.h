@@ -125,11 +125,9 @@ RT_FN void rt_trace_tile(rt_scene_view view, rt_tile tile, rt_u32 item, RT_GLOBA
 		rt_u32 lanes = rt_warp_ballot(taken);
 		if (lanes != 0u) {
 			if (taken) {
-				RT_GLOBAL rt_film_pixel* total = &film[rt_tile_pixel(view, tile, task.column, task.row)];
-				rt_add_shared(&total->r, rt_channel_total(sum.r.high, sum.r.low, task.sample_count));
-				rt_add_shared(&total->g, rt_channel_total(sum.g.high, sum.g.low, task.sample_count));
-				rt_add_shared(&total->b, rt_channel_total(sum.b.high, sum.b.low, task.sample_count));
-				rt_add_shared(&total->tally, rt_tally(segments, sum.rejected));
+				rt_film_pixel_add(&film[rt_tile_pixel(view, tile, task.column, task.row)], task.sample_count,
+				                  sum.r.high, sum.r.low, sum.g.high, sum.g.low, sum.b.high, sum.b.low, segments,
+				                  sum.rejected);
 				sum = rt_film_sum_zero();
 				segments = 0u;
 				task = rt_tile_task(tile, rounds, next + rt_warp_rank(lanes, lane));
@@ -180,11 +178,9 @@ RT_FN void rt_tile_add(rt_scene_view view, rt_tile tile, RT_PRIVATE const rt_til
 	rt_store_u(sum.rejected, rejected);
 	for (; lanes != 0u; lanes &= lanes - 1u) {
 		rt_u32 lane = rt_lowest_bit(lanes);
-		RT_GLOBAL rt_film_pixel* pixel = &film[rt_tile_pixel(view, tile, work->columns[lane], work->rows[lane])];
-		pixel->r += rt_channel_total(r_high[lane], r_low[lane], tile.sample_count);
-		pixel->g += rt_channel_total(g_high[lane], g_low[lane], tile.sample_count);
-		pixel->b += rt_channel_total(b_high[lane], b_low[lane], tile.sample_count);
-		pixel->tally += rt_tally(tally_segments[lane], rejected[lane]);
+		rt_film_pixel_add(&film[rt_tile_pixel(view, tile, work->columns[lane], work->rows[lane])], tile.sample_count,
+		                  r_high[lane], r_low[lane], g_high[lane], g_low[lane], b_high[lane], b_low[lane],
+		                  tally_segments[lane], rejected[lane]);
 	}
 }
 

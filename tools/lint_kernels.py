@@ -59,6 +59,8 @@ COMPAT_CALLS = {
     "_mm_fmadd_ps", "_mm_sqrt_ps", "_mm_movemask_ps", "_mm256_fmadd_ps", "_mm256_sqrt_ps", "_mm256_movemask_ps",
     "_mm512_fmadd_ps", "_mm512_maskz_sqrt_ps", "_mm512_test_epi32_mask", "_mm512_castps_si512", "as_float4", "as_float8",
     "__builtin_ia32_movmskps", "__builtin_ia32_movmskps256",
+    "fmin", "fmax", "fminf", "fmaxf",  # rt_native_min, rt_native_max: of slabs alone
+    "__ballot_sync", "__activemask", "__popc", "atomicAdd",  # lanes of a warp; sums of integers
 }
 KEYWORD_CALLS = {"if", "for", "while", "switch", "return", "sizeof", "defined", "else", "do", "case"}
 BANNED_WORDS = {

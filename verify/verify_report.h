@@ -24,7 +24,8 @@ struct VerifyReport {
 };
 
 // What the kernels ask of atomic operations.
-constexpr const char* atomics_text = "additions of integers alone, where the lanes of a warp share pixels (NVIDIA); elsewhere none";
+constexpr const char* atomics_text =
+    "additions of integers alone, where the lanes of a warp share pixels (NVIDIA); elsewhere none";
 
 // Items of the self-test by group: how many there are and passed, and whether those that did not are required.
 struct ProbeGroup {

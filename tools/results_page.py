@@ -1,4 +1,4 @@
-"""What the scripts have in common that make a page of docs/ and its plots from a file of results."""
+"""What the scripts have in common that measure, or make a page of docs/ and its plots from a file of results."""
 
 import json
 import sys
@@ -12,6 +12,12 @@ def load(name, kinds):
     """The results of docs/NAME.json: a list for each kind, empty where there are none yet."""
     path = DOCS / f"{name}.json"
     return {kind: [] for kind in kinds} | (json.loads(path.read_text()) if path.exists() else {})
+
+
+def film_seconds(phases, which):
+    """Seconds from a loaded scene to the film on the host, of the phases that rt bench tells; `which`: min, median or max
+    of each phase's repeats."""
+    return sum(phases[part][which] for part in ("upload", "launches", "read_back", "rest"))
 
 
 def keep(name, results, page):

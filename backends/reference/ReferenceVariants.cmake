@@ -120,6 +120,14 @@ foreach(rung IN LISTS rungs)
   rt_reference_variant(${prefix}lamps ${RT_FAST_LANES} 0x41fu ${RT_FAST} ${option})    # lambertian, metal, fuzz,
                                                                                        # dielectric, emission, wide
 endforeach()
+# The same with what a user may ask for: other samplers, roulette, aimed rays. Of these only the last is dear where it is
+# not asked for (a fifth of the time), so that the others share a variant.
+if(rungs)
+  rt_reference_variant(sampled ${RT_FAST_LANES} 0x1670fu ${RT_FAST})       # classic + sobol, stratified, roulette
+  rt_reference_variant(sampled_crowd ${RT_FAST_LANES} 0x17f8fu ${RT_FAST}) # crowd + the same
+  rt_reference_variant(aimed_lamps ${RT_FAST_LANES} 0x841fu ${RT_FAST})    # lamps + lights
+  rt_reference_variant(aimed ${RT_FAST_LANES} 0x1e71fu ${RT_FAST})         # sampled + emission, lights
+endif()
 
 # The traced kernels are a text that is made while rt is built. -O1: they trace single samples, and are large.
 add_executable(rt_make_traced "${PROJECT_SOURCE_DIR}/tools/make_traced.cpp")

@@ -123,10 +123,10 @@ endforeach()
 # The same with what a user may ask for: other samplers, roulette, aimed rays. Of these only the last is dear where it is
 # not asked for (a fifth of the time), so that the others share a variant.
 if(rungs)
-  rt_reference_variant(sampled ${RT_FAST_LANES} 0x1670fu ${RT_FAST})       # classic + sobol, stratified, roulette
+  rt_reference_variant(sampled ${RT_FAST_LANES} 0x1671fu ${RT_FAST})       # classic + emission, sobol, stratified, roulette
   rt_reference_variant(sampled_crowd ${RT_FAST_LANES} 0x17f8fu ${RT_FAST}) # crowd + the same
   rt_reference_variant(aimed_lamps ${RT_FAST_LANES} 0x841fu ${RT_FAST})    # lamps + lights
-  rt_reference_variant(aimed ${RT_FAST_LANES} 0x1e71fu ${RT_FAST})         # sampled + emission, lights
+  rt_reference_variant(aimed ${RT_FAST_LANES} 0x1e71fu ${RT_FAST})         # sampled + lights
 endif()
 
 # The traced kernels are a text that is made while rt is built. -O1: they trace single samples, and are large.

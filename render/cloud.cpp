@@ -3,6 +3,7 @@
 #include "render/scene.h"
 #include "render/scene_ranges.h"
 #include "support/memory.h"
+#include "support/thread_pool.h"
 
 #include <fmt/format.h>
 
@@ -44,6 +45,8 @@ constexpr double mean_radius_of_one = 0.555;
 
 // What a render takes at its peak, tree and all; 10^7 spheres were measured to take 149 (docs/performance.md).
 constexpr double host_bytes_a_sphere = 150;
+
+constexpr std::uint64_t spheres_of_a_piece = 16384;
 
 } // namespace
 
@@ -95,13 +98,15 @@ Result<Scene> make_cloud(std::uint64_t count)
 
 		const double mean_radius = mean_radius_of_one * 4096 / static_cast<double>(cube_root_12_bits(count));
 		scene.spheres.resize(count);
-		for (std::uint64_t i = 0; i < count; ++i) {
-			Sphere& sphere = scene.spheres[i];
-			for (const Dimension axis : {X, Y, Z})
-				sphere.center[axis] = std::fma(random_24_bits(i, axis), 0x1p-23, -1.0);
-			sphere.radius = mean_radius * std::fma(random_24_bits(i, Radius), 0x1p-24, 0.5);
-			sphere.material = random_24_bits(i, Colour) % static_cast<std::uint32_t>(scene.materials.size());
-		}
+		parallel_for(count, spheres_of_a_piece, [&](std::uint64_t begin, std::uint64_t end) {
+			for (std::uint64_t i = begin; i < end; ++i) {
+				Sphere& sphere = scene.spheres[i];
+				for (const Dimension axis : {X, Y, Z})
+					sphere.center[axis] = std::fma(random_24_bits(i, axis), 0x1p-23, -1.0);
+				sphere.radius = mean_radius * std::fma(random_24_bits(i, Radius), 0x1p-24, 0.5);
+				sphere.material = random_24_bits(i, Colour) % static_cast<std::uint32_t>(scene.materials.size());
+			}
+		});
 		update_scene_hash(scene);
 		return scene;
 	} catch (const std::bad_alloc&) {

@@ -196,14 +196,14 @@ double without_remnant(double value, double size) { return std::fabs(value) < si
 Status check_sphere(std::size_t index, const Vec3d& center, double radius)
 {
 	const double distance = std::sqrt(dot(center, center));
-	const std::string which = fmt::format("sphere {}", index);
 	if (!(radius >= RT_MIN_LENGTH && radius <= RT_MAX_LENGTH))
-		return out_of_range(which + "'s radius", radius,
+		return out_of_range(fmt::format("sphere {}'s radius", index), radius,
 		                    "choose units in which radii lie in [2^-30, 2^30] (1e-9 to 1e9)");
 	if (!(distance <= RT_MAX_LENGTH))
-		return out_of_range(which + "'s distance from the camera", distance, "keep it below 2^30 (1e9)");
+		return out_of_range(fmt::format("sphere {}'s distance from the camera", index), distance,
+		                    "keep it below 2^30 (1e9)");
 	if (!(distance <= RT_MAX_DISTANCE_IN_RADII * radius))
-		return out_of_range(which + "'s distance from the camera in its radii", distance / radius,
+		return out_of_range(fmt::format("sphere {}'s distance from the camera in its radii", index), distance / radius,
 		                    "a sphere must be nearer than 2^24 (1.6e7) of its radii");
 	return success();
 }

@@ -75,8 +75,8 @@ T value_at(const std::vector<Keyframe<T>>& keys, double frame)
 // Gathers values as little-endian bytes and hashes them in blocks: clouds have tens of millions of values.
 class SceneHasher {
 public:
-	void u32(std::uint32_t value) { bytes(value, 4); }
-	void u64(std::uint64_t value) { bytes(value, 8); }
+	void u32(std::uint32_t value) { bytes<4>(value); }
+	void u64(std::uint64_t value) { bytes<8>(value); }
 	void number(double value)
 	{
 		std::uint64_t bits;
@@ -95,10 +95,14 @@ public:
 	}
 
 private:
-	void bytes(std::uint64_t value, std::size_t count)
+	// Lowest byte first. In this form compilers see one store.
+	template <std::size_t Count>
+	void bytes(std::uint64_t value)
 	{
-		for (std::size_t i = 0; i < count; ++i)
-			block_[used_++] = static_cast<unsigned char>(value >> (8 * i));
+		unsigned char* at = block_.data() + used_;
+		for (std::size_t i = 0; i < Count; ++i)
+			at[i] = static_cast<unsigned char>(value >> (8 * i));
+		used_ += Count;
 		if (used_ > block_.size() - 8)
 			flush();
 	}

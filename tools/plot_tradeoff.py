@@ -591,9 +591,9 @@ def page(results):
                   "and what a feature would cost if it were left in; times in turns, ratios of each round, their median.",
                   "`the same again` is the scene's own program once more: what differs by no more is no difference.",
                   "A feature moves a program's registers and time either way: compilers order the same code otherwise.", "",
-                  "The reference backend is the exception: it has programs compiled beforehand for the masks that shipped",
-                  "scenes need (`backends/reference/ReferenceVariants.cmake`). A scene that fits none of them takes the",
-                  "generic one, and pays for all features.", ""]
+                  "The reference backend is the exception: it has programs compiled beforehand, for the masks that shipped",
+                  "scenes need and for what a user may ask for beside (`backends/reference/ReferenceVariants.cmake`). A",
+                  "scene takes the smallest that serves it, and where that is the generic one pays for all features.", ""]
         for entry in results["features"]:
             lines += feature_text(entry)
     if results["tradeoffs"]:

@@ -26,20 +26,22 @@ struct Item {
 	std::uint32_t source;
 };
 
+// Three axes and a fourth number that nobody reads: so compilers take a corner as one vector.
 struct Box {
-	std::array<float, 3> low{HUGE_VALF, HUGE_VALF, HUGE_VALF};
-	std::array<float, 3> high{-HUGE_VALF, -HUGE_VALF, -HUGE_VALF};
+	alignas(16) std::array<float, 4> low{HUGE_VALF, HUGE_VALF, HUGE_VALF, HUGE_VALF};
+	alignas(16) std::array<float, 4> high{-HUGE_VALF, -HUGE_VALF, -HUGE_VALF, -HUGE_VALF};
 
 	void add(const Item& item)
 	{
-		for (Axis a = 0; a < 3; ++a) {
-			low[a] = std::min(low[a], item.center[a] - item.radius);
-			high[a] = std::max(high[a], item.center[a] + item.radius);
+		const std::array<float, 4> center = {item.center[0], item.center[1], item.center[2], 0};
+		for (Axis a = 0; a < 4; ++a) {
+			low[a] = std::min(low[a], center[a] - item.radius);
+			high[a] = std::max(high[a], center[a] + item.radius);
 		}
 	}
 	void add(const Box& other)
 	{
-		for (Axis a = 0; a < 3; ++a) {
+		for (Axis a = 0; a < 4; ++a) {
 			low[a] = std::min(low[a], other.low[a]);
 			high[a] = std::max(high[a], other.high[a]);
 		}
@@ -274,7 +276,7 @@ private:
 		std::uint32_t stack = 0;
 		for (std::size_t k = 0; k < width; ++k) {
 			// A box that nothing meets, and whose planes overflow nowhere.
-			std::array<float, 3> low = {0x1p60f, 0x1p60f, 0x1p60f}, high = {-0x1p60f, -0x1p60f, -0x1p60f};
+			std::array<float, 4> low = {0x1p60f, 0x1p60f, 0x1p60f}, high = {-0x1p60f, -0x1p60f, -0x1p60f};
 			std::uint32_t link = RT_BVH_NONE;
 			if (k < parts.size()) {
 				low = parts[k].box.low;

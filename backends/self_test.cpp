@@ -179,6 +179,10 @@ Answer expected(std::uint32_t operation, std::uint32_t a, std::uint32_t b, std::
 		const rt_random4 u = rt_random(0x2545f491u, a, b, c);
 		return {rt_bits(u.a), rt_bits(u.d)};
 	}
+	case RT_PROBE_SOBOL: {
+		const rt_random4 u = rt_sobol(0x2545f491u, a, b, c);
+		return {rt_bits(u.a) ^ rt_bits(u.c), rt_bits(u.b) ^ rt_bits(u.d)};
+	}
 	case RT_PROBE_FILM: // round-half-even(x 2^40): llrint of an exact double product, in the contract's environment
 		return answer_long(static_cast<std::uint64_t>(std::llrint(static_cast<double>(x) * 0x1p40)));
 	default:
@@ -200,7 +204,7 @@ constexpr const char* comparisons = "< <= == min, of NaN and zeros";
 constexpr const char* conversions = "int to float, float to int";
 constexpr const char* integers = "shifts, 32-bit integers";
 constexpr const char* longs = "64-bit + and *";
-constexpr const char* functions = "sincos atan2 random film";
+constexpr const char* functions = "sincos atan2 random Sobol film";
 constexpr const char* subnormals = "subnormals: * < fma";
 
 constexpr Question questions[] = {
@@ -220,6 +224,7 @@ constexpr Question questions[] = {
     {functions, "sine and cosine", RT_PROBE_SINCOS, Domain::Turns, true},
     {functions, "atan2", RT_PROBE_ATAN2, Domain::Ordinary, true},
     {functions, "random numbers", RT_PROBE_RANDOM, Domain::Integers, true},
+    {functions, "Sobol points", RT_PROBE_SOBOL, Domain::Integers, true},
     {functions, "radiance to integer", RT_PROBE_FILM, Domain::Radiance, true},
     // Rule 5 keeps ordinary scenes away from subnormals, so a device that flushes them is told of and not refused.
     {subnormals, "subnormal products", RT_PROBE_MULTIPLY, Domain::Subnormal, false},

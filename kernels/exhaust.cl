@@ -177,8 +177,8 @@ RT_KERNEL(rt_exhaust)
 			key.w = rt_exhaust_shuffle(o.c ^ 0x3c6ef372u);
 #if RT_HAS(RT_FEATURE_SOBOL)
 			if (operation == RT_EXHAUST_SOBOL) {
-				key.y = rt_sel(last, rt_splat_u(RT_SCRAMBLE_CD), rt_splat_u(RT_SCRAMBLE_AB));
-				rt_random2 point = rt_sobol_point(key, rt_reverse_bits(o.b));
+				rt_uint scramble = rt_sel(last, rt_splat_u(RT_SCRAMBLE_CD), rt_splat_u(RT_SCRAMBLE_AB));
+				rt_random2 point = rt_sobol_point(key.w, key.x, scramble, key.z, rt_reverse_bits(o.b));
 				x = rt_bits(point.a);
 				y = rt_bits(point.b);
 			}

@@ -24,7 +24,8 @@
 #define RT_PROBE_RANDOM 15u /* first and last of rt_random(a fixed seed, pixel a, sample b, block c) */
 #define RT_PROBE_BARE \
 	17u /* a * b + c as no kernel writes it: shows whether the compiler fuses. Not asked by the self-test */
-#define RT_PROBE_FILM 16u /* radiance to integer: rt_channel_sample and rt_channel_total with scale 2^40 */
+#define RT_PROBE_FILM 16u  /* radiance to integer: rt_channel_sample and rt_channel_total with scale 2^40 */
+#define RT_PROBE_SOBOL 18u /* the same of rt_sobol, all four: bits of the first and third, second and last, by xor */
 
 /* One 32x32->64 product or 64-bit sum a lane: scalars, as in rt_channel_total. */
 RT_FN rt_u64 rt_probe_long(rt_u32 operation, rt_u32 a, rt_u32 b, rt_u32 c)
@@ -98,6 +99,13 @@ RT_KERNEL(rt_probe)
 		x = a_bits * b_bits + c_bits; /* int */
 		y = a_bits ^ (b_bits - c_bits);
 	}
+#if RT_HAS(RT_FEATURE_SOBOL)
+	else if (operation == RT_PROBE_SOBOL) {
+		rt_random4 u = rt_sobol(0x2545f491u, a_bits, b_bits, c_bits);
+		x = rt_bits(u.a) ^ rt_bits(u.c);
+		y = rt_bits(u.b) ^ rt_bits(u.d);
+	}
+#endif
 	x = rt_sel(is_float, rt_bits(first), x);
 	y = rt_sel(is_float, rt_bits(second), y);
 	if (operation == RT_PROBE_FILM) {

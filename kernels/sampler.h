@@ -61,10 +61,17 @@ RT_FN rt_uint rt_pascal(rt_uint v)
 }
 
 /* The point of the sample whose bits in reverse are given. The hash's lowest bits are weak (docs/random.md) and would
- * decide about halves of the square, so its highest are folded onto them. */
-RT_FN rt_random2 rt_sobol_point(rt_words4 key, rt_uint reversed_sample)
+ * decide about halves of the square, so its highest are folded onto them.
+ * The key is made here: of two calls with one struct, a member changed between them, Mesa's compiler loses the first
+ * (docs/devices.md, rusticl). */
+RT_FN rt_random2 rt_sobol_point(rt_uint seed, rt_uint pixel, rt_uint scramble, rt_uint block, rt_uint reversed_sample)
 {
-	rt_words4 words = rt_pcg4d(key);
+	rt_words4 words;
+	words.x = pixel;
+	words.y = scramble;
+	words.z = block;
+	words.w = seed;
+	words = rt_pcg4d(words);
 	rt_uint order = words.x ^ (words.x >> 16);
 	rt_uint seed_a = words.y ^ (words.y >> 16);
 	rt_uint seed_b = words.z ^ (words.z >> 16);
@@ -77,15 +84,10 @@ RT_FN rt_random2 rt_sobol_point(rt_words4 key, rt_uint reversed_sample)
 
 RT_FN rt_random4 rt_sobol(rt_u32 seed, rt_uint pixel, rt_uint sample, rt_uint block)
 {
+	rt_uint seeds = rt_splat_u(seed);
 	rt_uint reversed_sample = rt_reverse_bits(sample);
-	rt_words4 key;
-	key.x = pixel;
-	key.y = rt_splat_u(RT_SCRAMBLE_AB);
-	key.z = block;
-	key.w = rt_splat_u(seed);
-	rt_random2 ab = rt_sobol_point(key, reversed_sample);
-	key.y = rt_splat_u(RT_SCRAMBLE_CD);
-	rt_random2 cd = rt_sobol_point(key, reversed_sample);
+	rt_random2 ab = rt_sobol_point(seeds, pixel, rt_splat_u(RT_SCRAMBLE_AB), block, reversed_sample);
+	rt_random2 cd = rt_sobol_point(seeds, pixel, rt_splat_u(RT_SCRAMBLE_CD), block, reversed_sample);
 	rt_random4 u;
 	u.a = ab.a;
 	u.b = ab.b;

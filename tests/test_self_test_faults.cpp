@@ -114,6 +114,9 @@ std::vector<NamedFault> faults()
 	    {"shifts",
 	     {"an arithmetic shift",
 	      {{probe, "x = a_bits >> (b_bits & 31u);", "x = rt_to_uint(rt_to_int(a_bits) >> rt_to_int(b_bits & 31u));"}}}},
+	    {"Sobol points",
+	     {"a struct that a second call's argument overwrites", // Mesa 22.3.6
+	      {{"kernels/sampler.h", "u.a = ab.a;", "u.a = rt_splat(0.0f);"}}}},
 	    {"random numbers", {"a wrong constant", {{"kernels/rng.h", "v * 1664525u", "v * 1664527u"}}}},
 	    {"atan2", {"a swapped comparison", {{math, "rt_mask steep = ay > ax;", "rt_mask steep = ay < ax;"}}}},
 	};

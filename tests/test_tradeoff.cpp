@@ -487,12 +487,12 @@ TEST_CASE("tradeoff: the fuller of two measurements is remembered, whichever cam
 		(is_fuller ? fuller : shorter) = measured;
 		CHECK(measured.at("reference").at("samples") == (is_fuller ? 256 : 64));
 	}
-	// What is remembered is JSON behind a file's head of its own.
+	// What is remembered is JSON behind a file's head of its own, in which any byte may stand.
 	std::vector<Json> remembered;
 	for (const auto& entry : std::filesystem::directory_iterator(directory / "cache/kernels")) {
 		const std::string text = file_text(entry.path().string());
 		if (text.find("\"points\":[") != std::string::npos)
-			remembered.push_back(Json::parse(text.substr(text.find('{'))));
+			remembered.push_back(Json::parse(text.substr(text.find("{\""))));
 	}
 	REQUIRE(remembered.size() == 1);
 	CHECK(remembered[0].at("reference").at("samples") == 256);

@@ -176,11 +176,11 @@ Answer expected(std::uint32_t operation, std::uint32_t a, std::uint32_t b, std::
 	case RT_PROBE_ATAN2:
 		return answer_float(rt_atan2_turns(x, y));
 	case RT_PROBE_RANDOM: {
-		const rt_random4 u = rt_random(0x2545f491u, a, b, c);
+		const rt_random4 u = rt_random(RT_PROBE_SEED, a, b, c);
 		return {rt_bits(u.a), rt_bits(u.d)};
 	}
 	case RT_PROBE_SOBOL: {
-		const rt_random4 u = rt_sobol(0x2545f491u, a, b, c);
+		const rt_random4 u = rt_sobol(RT_PROBE_SEED, a, b, c);
 		return {rt_bits(u.a) ^ rt_bits(u.c), rt_bits(u.b) ^ rt_bits(u.d)};
 	}
 	case RT_PROBE_FILM: // round-half-even(x 2^40): llrint of an exact double product, in the contract's environment

@@ -170,21 +170,17 @@ RT_KERNEL(rt_exhaust)
 		} else if (operation == RT_EXHAUST_RANDOM || operation == RT_EXHAUST_SOBOL) {
 			/* Of the key's four numbers the first two, or the last two where c is odd. */
 			rt_mask last = (o.c & 1u) != 0u;
-			rt_words4 key;
-			key.x = o.a;
-			key.y = o.b;
-			key.z = o.c;
-			key.w = rt_exhaust_shuffle(o.c ^ 0x3c6ef372u);
+			rt_uint seed = rt_exhaust_shuffle(o.c ^ 0x3c6ef372u);
 #if RT_HAS(RT_FEATURE_SOBOL)
 			if (operation == RT_EXHAUST_SOBOL) {
 				rt_uint scramble = rt_sel(last, rt_splat_u(RT_SCRAMBLE_CD), rt_splat_u(RT_SCRAMBLE_AB));
-				rt_random2 point = rt_sobol_point(key.w, key.x, scramble, key.z, rt_reverse_bits(o.b));
+				rt_random2 point = rt_sobol_point(seed, o.a, scramble, o.c, rt_reverse_bits(o.b));
 				x = rt_bits(point.a);
 				y = rt_bits(point.b);
 			}
 #endif
 			if (operation == RT_EXHAUST_RANDOM) {
-				rt_words4 words = rt_pcg4d(key);
+				rt_words4 words = rt_block_words(seed, o.a, o.b, o.c);
 				x = rt_bits(rt_unit(rt_sel(last, words.z, words.x)));
 				y = rt_bits(rt_unit(rt_sel(last, words.w, words.y)));
 			}

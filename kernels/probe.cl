@@ -21,11 +21,14 @@
 #define RT_PROBE_LONG_MULTIPLY 12u /* a * b, 32 x 32 -> 64 bits */
 #define RT_PROBE_SINCOS 13u
 #define RT_PROBE_ATAN2 14u
-#define RT_PROBE_RANDOM 15u /* first and last of rt_random(a fixed seed, pixel a, sample b, block c) */
+#define RT_PROBE_RANDOM 15u /* first and last of rt_random(RT_PROBE_SEED, pixel a, sample b, block c) */
+#define RT_PROBE_FILM 16u   /* radiance to integer: rt_channel_sample and rt_channel_total with scale 2^40 */
 #define RT_PROBE_BARE \
 	17u /* a * b + c as no kernel writes it: shows whether the compiler fuses. Not asked by the self-test */
-#define RT_PROBE_FILM 16u  /* radiance to integer: rt_channel_sample and rt_channel_total with scale 2^40 */
-#define RT_PROBE_SOBOL 18u /* the same of rt_sobol, all four: bits of the first and third, second and last, by xor */
+#define RT_PROBE_SOBOL \
+	18u /* rt_sobol(RT_PROBE_SEED, pixel a, sample b, block c): bits of first xor third, of second xor last */
+
+#define RT_PROBE_SEED 0x2545f491u
 
 /* One 32x32->64 product or 64-bit sum a lane: scalars, as in rt_channel_total. */
 RT_FN rt_u64 rt_probe_long(rt_u32 operation, rt_u32 a, rt_u32 b, rt_u32 c)
@@ -78,7 +81,7 @@ RT_KERNEL(rt_probe)
 	else if (operation == RT_PROBE_TO_FLOAT)
 		first = rt_to_float(rt_to_int(a_bits & 0x7fffffffu));
 	else if (operation == RT_PROBE_RANDOM) {
-		rt_random4 u = rt_random(0x2545f491u, a_bits, b_bits, c_bits);
+		rt_random4 u = rt_random(RT_PROBE_SEED, a_bits, b_bits, c_bits);
 		first = u.a;
 		second = u.d;
 	} else
@@ -101,7 +104,7 @@ RT_KERNEL(rt_probe)
 	}
 #if RT_HAS(RT_FEATURE_SOBOL)
 	else if (operation == RT_PROBE_SOBOL) {
-		rt_random4 u = rt_sobol(0x2545f491u, a_bits, b_bits, c_bits);
+		rt_random4 u = rt_sobol(RT_PROBE_SEED, a_bits, b_bits, c_bits);
 		x = rt_bits(u.a) ^ rt_bits(u.c);
 		y = rt_bits(u.b) ^ rt_bits(u.d);
 	}

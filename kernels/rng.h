@@ -49,14 +49,20 @@ RT_FN rt_words4 rt_pcg4d(rt_words4 v)
 /* The top 24 bits as a number in [0, 1). */
 RT_FN rt_float rt_unit(rt_uint bits) { return rt_to_float(rt_to_int(bits >> 8)) * 0x1p-24f; }
 
-RT_FN rt_random4 rt_random(rt_u32 seed, rt_uint pixel, rt_uint sample, rt_uint block)
+/* The hash of what numbers are drawn for. */
+RT_FN rt_words4 rt_block_words(rt_uint seed, rt_uint pixel, rt_uint sample, rt_uint block)
 {
 	rt_words4 words;
 	words.x = pixel;
 	words.y = sample;
 	words.z = block;
-	words.w = rt_splat_u(seed);
-	words = rt_pcg4d(words);
+	words.w = seed;
+	return rt_pcg4d(words);
+}
+
+RT_FN rt_random4 rt_random(rt_u32 seed, rt_uint pixel, rt_uint sample, rt_uint block)
+{
+	rt_words4 words = rt_block_words(rt_splat_u(seed), pixel, sample, block);
 	rt_random4 u;
 	u.a = rt_unit(words.x);
 	u.b = rt_unit(words.y);

@@ -62,16 +62,11 @@ RT_FN rt_uint rt_pascal(rt_uint v)
 
 /* The point of the sample whose bits in reverse are given. The hash's lowest bits are weak (docs/random.md) and would
  * decide about halves of the square, so its highest are folded onto them.
- * The key is made here: of two calls with one struct, a member changed between them, Mesa's compiler loses the first
- * (docs/devices.md, rusticl). */
+ * No struct is handed on from a caller: of two calls with one struct, a member changed between them, Mesa's compiler
+ * loses the first (docs/devices.md, rusticl). */
 RT_FN rt_random2 rt_sobol_point(rt_uint seed, rt_uint pixel, rt_uint scramble, rt_uint block, rt_uint reversed_sample)
 {
-	rt_words4 words;
-	words.x = pixel;
-	words.y = scramble;
-	words.z = block;
-	words.w = seed;
-	words = rt_pcg4d(words);
+	rt_words4 words = rt_block_words(seed, pixel, scramble, block);
 	rt_uint order = words.x ^ (words.x >> 16);
 	rt_uint seed_a = words.y ^ (words.y >> 16);
 	rt_uint seed_b = words.z ^ (words.z >> 16);

@@ -282,7 +282,8 @@ TEST_CASE("faults of paths are found, each by what is counted of it", "[paths]")
 	     "ball"},
 	    {"a sphere's far side forgotten; a sampler that takes all blocks for one",
 	     {{sphere, "rt_mask inward = ray.chord > rt_splat(0.0f);", "rt_mask inward = RT_FALSE;"},
-	      {"kernels/sampler.h", "words.z = block;", "words.z = rt_splat_u(1u) + 0u * block;"}},
+	      {"kernels/sampler.h", "rt_block_words(seed, pixel, scramble, block)",
+	       "rt_block_words(seed, pixel, scramble, rt_splat_u(1u) + 0u * block)"}},
 	     {{"closed", RT_PATHS_DEPARTURE_FAULTS}, {"sobol ball", RT_PATHS_BITS}},
 	     "ball"},
 	};

@@ -184,16 +184,19 @@ def against(case, peers, own="rt cuda", key="seconds"):
 def opencl_against_cuda(results):
     """Of the scenes that rt bench rendered through both, the same program on the same day: the worst, by the least times
     of films."""
-    ratios = []
+    runs = {}
     for bench in results["benches"]:
-        for other in results["benches"]:
-            same = all(bench[key] == other[key] for key in ("scene", "width", "samples", "precision", "revision"))
-            if same and bench["device"]["name"] == other["device"]["name"] and bench["date"][:10] == other["date"][:10] \
-                    and (bench["device"]["backend"], other["device"]["backend"]) == ("cuda", "opencl"):
-                ratios.append(Measured(film_seconds(other["phases"], "min") / film_seconds(bench["phases"], "min"),
-                                       bench["device"]["name"], bench["date"],
-                                       f"rt bench, {bench['scene']}; launches alone "
-                                       f"{other['phases']['launches']['min'] / bench['phases']['launches']['min']:.2f}"))
+        run = (*(bench.get(key) for key in ("scene", "width", "samples", "precision", "revision")),
+               bench["device"]["name"], bench["date"][:10])
+        runs.setdefault(run, {})[bench["device"]["backend"]] = bench
+    ratios = []
+    for run in runs.values():
+        if "cuda" in run and "opencl" in run:
+            cuda, opencl = run["cuda"], run["opencl"]
+            launches = opencl["phases"]["launches"]["min"] / cuda["phases"]["launches"]["min"]
+            ratios.append(Measured(film_seconds(opencl["phases"], "min") / film_seconds(cuda["phases"], "min"),
+                                   cuda["device"]["name"], cuda["date"],
+                                   f"rt bench, {cuda['scene']}; launches alone {launches:.2f}"))
     if not ratios:
         raise Unknown("not measured")
     return max(ratios)
@@ -331,8 +334,8 @@ def parts_of_render(results):
             "peers' time, of the film of their run", "of `rt bench`'s film")
     return ["On a GPU the launches are a part only of a short render. *Film, peers' run*: from the loaded scene to the",
             "film on the host, as the peers are measured, in their run, and what the targets go by. *Film, `rt bench`* and",
-            "its parts: least of the repeats, same kind of device, newer code (Steps say what changed between the two). The",
-            "last column therefore is of two runs: what to expect of the next one, and no target.", "",
+            "its parts: least of the repeats, same kind of device, of the day and code that the benches below name. The last",
+            "column therefore is of two runs: what to expect of the next one, and no target.", "",
             *table(head, rows), ""]
 
 

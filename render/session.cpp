@@ -221,7 +221,8 @@ struct Shared {
 class Worker {
 public:
 	// packed: the shared scene with its spheres stored as this device wants them.
-	// spare: the same if nobody needs its lists once they are uploaded.
+	// spare: the same if nobody needs its lists once they are uploaded. A GPU's are given back during its first launch,
+	// a processor's at once: its buffers are in the same memory.
 	Worker(DeviceHandle device, const PackedScene& packed, PackedScene* spare, Shared& shared)
 	    : device_(std::move(device)), packed_(packed), spare_(spare), shared_(shared)
 	{
@@ -251,8 +252,7 @@ public:
 		stats_.bvh = !packed.bvh.empty();
 		// A guess to begin with, corrected by every launch: brute force costs in proportion to the spheres.
 		const std::size_t tried = packed.bvh.empty() ? packed.spheres.size() : packed.wide.size() + typical_visits;
-		const bool is_gpu = device_->info().kind == DeviceKind::Gpu;
-		budget_ = std::min(is_gpu ? gpu_first_budget : first_budget, 0x1p27 / (8.0 + double(tried)));
+		budget_ = std::min(is_gpu() ? gpu_first_budget : first_budget, 0x1p27 / (8.0 + double(tried)));
 
 		const Clock::time_point start = Clock::now();
 		RT_TRY(upload_list(spheres_, &PackedScene::spheres));
@@ -333,6 +333,8 @@ public:
 	}
 
 private:
+	bool is_gpu() const { return device_->info().kind == DeviceKind::Gpu; }
+
 	Status upload(BufferHandle& buffer, const void* data, std::size_t bytes)
 	{
 		RT_TRY_ASSIGN(buffer, device_->alloc(bytes));
@@ -352,7 +354,7 @@ private:
 		const SessionOptions& options = shared_.options;
 		if (options.slices)
 			return options.slices;
-		if (device_->info().kind != DeviceKind::Gpu)
+		if (!is_gpu())
 			return 1;
 		// Launches of one device run one after the other, so each should fill it.
 		const std::uint64_t wanted = device_->info().compute_units * threads_a_compute_unit * launch_fills /
@@ -370,9 +372,16 @@ private:
 		const T nothing{};
 		RT_TRY(list.empty() ? upload(buffer, &nothing, sizeof nothing)
 		                    : upload(buffer, list.data(), list.size() * sizeof(T)));
+		if (!is_gpu())
+			free_spare(member);
+		return success();
+	}
+
+	template <class T>
+	void free_spare(std::vector<T> PackedScene::*member)
+	{
 		if (spare_)
 			std::vector<T>().swap(spare_->*member);
-		return success();
 	}
 
 	Status run(const std::vector<Work>& works)
@@ -401,8 +410,10 @@ private:
 			                       group_size()));
 			samples += std::uint64_t(width) * work.rows * work.samples;
 		}
-		if (device_->info().kind == DeviceKind::Gpu)
+		if (is_gpu()) {
 			populate_film();
+			free_spares();
+		}
 		RT_TRY(device_->wait());
 		const double seconds = seconds_since(start);
 		done_.insert(done_.end(), works.begin(), works.end());
@@ -431,6 +442,16 @@ private:
 		}
 		shared_.film.sums().populate();
 		shared_.film.samples().populate();
+	}
+
+	// Another part of that wait: giving back a million spheres' lists takes as long as sending them.
+	void free_spares()
+	{
+		free_spare(&PackedScene::spheres);
+		free_spare(&PackedScene::sphere_ids);
+		free_spare(&PackedScene::sphere_materials);
+		free_spare(&PackedScene::bvh);
+		spare_ = nullptr;
 	}
 
 	Status serve_snapshot()

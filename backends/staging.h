@@ -12,9 +12,10 @@
 
 namespace rt {
 
-// A half. Below an eighth of it a plain copy is as fast.
-constexpr std::size_t staging_bytes = std::size_t(1) << 21;
-constexpr std::size_t min_staged_bytes = staging_bytes / 8;
+// A half: with smaller ones the waiting between them counts (docs/performance.md, Steps).
+constexpr std::size_t staging_bytes = std::size_t(1) << 22;
+// Below it a plain copy is as fast.
+constexpr std::size_t min_staged_bytes = std::size_t(1) << 18;
 
 // staging: 2 * staging_bytes. start(target, first, count) -> Status begins to copy bytes [first, first + count) of the
 // buffer; wait() -> Status ends all copies begun; take is a TakePiece.
@@ -38,7 +39,7 @@ template <class Start, class Wait>
 Status write_through_staging(std::uint8_t* staging, const void* data, std::size_t bytes, const Start& start,
                              const Wait& wait)
 {
-	constexpr std::uint64_t copied_at_once = std::uint64_t(1) << 18;
+	constexpr std::uint64_t copied_at_once = std::uint64_t(1) << 19;
 	for (std::size_t first = 0, half = 0; first < bytes; first += staging_bytes, half = 1 - half) {
 		const std::size_t count = std::min(staging_bytes, bytes - first);
 		std::uint8_t* const target = staging + half * staging_bytes;

@@ -48,8 +48,8 @@ RT_KERNEL(rt_merge)(RT_GLOBAL rt_film_pixel* RT_RESTRICT film, rt_u32 pixels, rt
 
 /* film: `slices` times window_width x (rows of the window), row-major, slice_pixels apart. The launch covers rows
  * [first_row, first_row + row_count) of the window and samples [first_sample, first_sample + sample_count), where
- * sample_count <= RT_MAX_SAMPLES_PER_LAUNCH. An image with fewer pixels than a device has threads is taken in slices:
- * each work-item takes a part of the samples, for a film of its own. Work-items beyond the tiles do nothing. */
+ * sample_count <= RT_MAX_SAMPLES_PER_LAUNCH. Tiles may be taken in slices, each a part of the samples, for a film of
+ * its own: an image may have fewer pixels than a device has threads. Work-items beyond the tiles do nothing. */
 RT_KERNEL(rt_render)
 (RT_VALUE(rt_scene) scene_value, RT_VALUE(rt_few_spheres) few, RT_GLOBAL const rt_sphere* RT_RESTRICT spheres,
  RT_GLOBAL const rt_wide* RT_RESTRICT wide, RT_GLOBAL const rt_u32* RT_RESTRICT sphere_ids,
@@ -65,8 +65,9 @@ RT_KERNEL(rt_render)
 
 	rt_u32 tiles_across = RT_TILES(scene->window_width, 1u, RT_LANES);
 	rt_u32 slice_tiles = RT_TILES(scene->window_width, row_count, RT_LANES);
-	rt_u32 slice = RT_GLOBAL_ID / RT_TILE_ITEMS(RT_LANES) / slice_tiles;
-	rt_u32 place = RT_GLOBAL_ID / RT_TILE_ITEMS(RT_LANES) % slice_tiles;
+	/* A tile's slices lie side by side: their rays meet the same spheres. */
+	rt_u32 place = RT_GLOBAL_ID / RT_TILE_ITEMS(RT_LANES) / slices;
+	rt_u32 slice = RT_GLOBAL_ID / RT_TILE_ITEMS(RT_LANES) % slices;
 	/* The first slices take one sample more where the count cannot be shared out evenly. */
 	rt_u32 share = sample_count / slices, rest = sample_count % slices;
 	rt_tile tile;
@@ -77,7 +78,7 @@ RT_KERNEL(rt_render)
 	tile.first_sample = first_sample + slice * share + (slice < rest ? slice : rest);   /* int */
 	tile.sample_count = share + (slice < rest ? 1u : 0u);                               /* int */
 	tile.first_pixel = slice * slice_pixels;
-	if (slice < slices)
+	if (place < slice_tiles)
 		rt_trace_tile(view, tile, RT_GLOBAL_ID % RT_TILE_ITEMS(RT_LANES), film);
 }
 

@@ -62,10 +62,10 @@ constexpr std::size_t bin_count = 16;
 constexpr std::uint32_t sah_depth = 32;
 // Ranges of more items than this are cut by one thread before the rest is shared out.
 constexpr std::size_t min_parallel_items = 4096;
-// Spheres of a leaf that one lane tests in turn.
-constexpr std::uint32_t max_leaf_in_turn = 4;
-// Cost of visiting a node in sphere tests of the same device.
-constexpr float node_cost = 1.0f;
+// Spheres of a leaf that one lane tests in turn, at most, and what visiting a node costs it in such tests; as measured
+// on a GPU (docs/performance.md, Steps).
+constexpr std::uint32_t max_leaf_in_turn = 8;
+constexpr float node_cost_in_turn = 3.0f;
 
 struct Range {
 	std::size_t begin = 0, end = 0;
@@ -96,6 +96,7 @@ std::size_t bin_of(float center, float low, float scale)
 struct Shape {
 	std::uint32_t width = 4; // children of a node
 	std::uint32_t leaf = 4;  // spheres of a leaf, at most
+	float node_cost = 1;     // of a visit, in tests
 	bool blocks = false;     // spheres of a leaf cost one test together
 
 	float cost(std::size_t spheres) const
@@ -348,7 +349,7 @@ private:
 		const Cut best = range.depth < sah_depth_ ? best_cut(range, centers) : Cut{};
 		if (best.found) {
 			const float area = range.box.half_area();
-			if (fits && std::fma(node_cost, area, best.cost) >= shape_.cost(range.size()) * area)
+			if (fits && std::fma(shape_.node_cost, area, best.cost) >= shape_.cost(range.size()) * area)
 				return false;
 			const auto middle = std::partition(at(range.begin), at(range.end), [&](const Item& item) {
 				return bin_of(item.center[best.axis], best.low, best.scale) <= best.bin;
@@ -511,6 +512,7 @@ Result<PackedScene> with_bvh(const PackedScene& packed, std::uint32_t lanes, Bvh
 		shape.width = RT_BVH_WIDTH(lanes);
 		shape.blocks = lanes > 1;
 		shape.leaf = shape.blocks ? lanes : max_leaf_in_turn;
+		shape.node_cost = shape.blocks ? 1.0f : node_cost_in_turn;
 		std::uint32_t root = RT_BVH_NONE;
 		const auto first_stored = static_cast<std::uint32_t>(wide);
 		Part tree = Builder(items, shape, first_stored, sah_depth).build(&root);

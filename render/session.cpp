@@ -21,9 +21,13 @@ namespace {
 
 // A launch aims at this long: short enough for a smooth bar, a quick Ctrl-C and every watchdog.
 constexpr double target_launch_seconds = 0.1;
-// Pixel samples of the first launch, whose speed nobody knows yet, at most: 0.1 s of a slow processor or GPU. Each
-// launch ends with some waiting for its longest paths, so a small image should not need several.
-constexpr double first_budget = 0x1p16, gpu_first_budget = 0x1p22;
+// What the first launch, whose speed nobody knows yet, may take of a processor or of each compute unit of a GPU: pixel
+// samples, and spheres tried for their first segments. 0.1 s of a slow one. Each launch ends with some waiting for its
+// longest paths, so a small image should not need several.
+constexpr double first_samples = 0x1p16, first_tests = 0x1p27;
+constexpr double gpu_first_samples = 0x1p18, gpu_first_tests = 0x1p22;
+// Samples of a pixel, or rows, that a launch leaves over are taken with it if they are fewer than this part of its own.
+constexpr double left_over = 0.5;
 // A device holds the sums of this many bytes of pixels at once; larger windows are rendered page by page.
 constexpr std::uint64_t page_bytes = std::uint64_t(1) << 28;
 constexpr double progress_interval_seconds = 0.1;
@@ -32,6 +36,9 @@ constexpr std::uint64_t pixels_a_thread = std::uint64_t(1) << 13;
 // A GPU's compute unit holds at most about this many threads; a launch should offer it some times as many, so that
 // those that are through early find something left. Many more would leave each too few samples to go on with.
 constexpr std::uint64_t threads_a_compute_unit = 2048, launch_fills = 2;
+// A GPU takes the samples of large images in two parts, too: the last tiles, for which it waits, are half as long. Not
+// where a part would be shorter than this.
+constexpr std::uint32_t min_slice_samples = 8;
 // What a program that walks a tree may take of a GPU's registers, a thread: its compiler, left to itself, takes fewer
 // and fetches a node's rows one after the other (docs/performance.md, Steps).
 constexpr std::uint32_t tree_registers = 96;
@@ -136,7 +143,10 @@ public:
 			if (forced_samples_)
 				wanted = std::min(forced_samples_, RT_MAX_SAMPLES_PER_LAUNCH);
 			pass_first_ = next_sample_;
-			pass_samples_ = std::min(static_cast<std::uint32_t>(wanted), end_sample_ - next_sample_);
+			const std::uint32_t left = end_sample_ - next_sample_;
+			pass_samples_ = std::min(static_cast<std::uint32_t>(wanted), left);
+			if (!forced_samples_ && left <= RT_MAX_SAMPLES_PER_LAUNCH && double(left) <= wanted * (1 + left_over))
+				pass_samples_ = left;
 			next_sample_ += pass_samples_;
 			next_part_ = 0;
 		}
@@ -148,7 +158,8 @@ public:
 			Work work;
 			work.part = next_part_;
 			work.first_row = next_row_;
-			work.rows = rows >= left ? left : std::max(1u, static_cast<std::uint32_t>(rows));
+			const double all_rows = forced_rows_ ? left : left / (1 + left_over);
+			work.rows = rows >= all_rows ? left : std::max(1u, static_cast<std::uint32_t>(rows));
 			work.first_sample = pass_first_;
 			work.samples = pass_samples_;
 			works.push_back(work);
@@ -252,7 +263,10 @@ public:
 		stats_.bvh = !packed.bvh.empty();
 		// A guess to begin with, corrected by every launch: brute force costs in proportion to the spheres.
 		const std::size_t tried = packed.bvh.empty() ? packed.spheres.size() : packed.wide.size() + typical_visits;
-		budget_ = std::min(is_gpu() ? gpu_first_budget : first_budget, 0x1p27 / (8.0 + double(tried)));
+		const double per_sample = 8 + double(tried);
+		budget_ = is_gpu() ? std::max(1u, device_->info().compute_units) *
+		                         std::min(gpu_first_samples, gpu_first_tests / per_sample)
+		                   : std::min(first_samples, first_tests / per_sample);
 
 		const Clock::time_point start = Clock::now();
 		RT_TRY(upload_list(spheres_, &PackedScene::spheres));
@@ -348,7 +362,8 @@ private:
 		return shared_.options.group_size ? shared_.options.group_size : stats_.lanes > 1 ? 1 : 0;
 	}
 
-	// How many parts a pixel's samples are taken in, so that a GPU has enough to do.
+	// How many parts a pixel's samples are taken in, so that a GPU has enough to do. A power of two: samples are mostly
+	// so many that these are of one size.
 	std::uint32_t slices_for(const Page& page, std::uint32_t samples) const
 	{
 		const SessionOptions& options = shared_.options;
@@ -357,11 +372,15 @@ private:
 		if (!is_gpu())
 			return 1;
 		// Launches of one device run one after the other, so each should fill it.
-		const std::uint64_t wanted = device_->info().compute_units * threads_a_compute_unit * launch_fills /
-		                             (page.part_pixels / page.parts.size());
+		const std::uint64_t to_fill = device_->info().compute_units * threads_a_compute_unit * launch_fills /
+		                              (page.part_pixels / page.parts.size());
+		const std::uint64_t wanted = std::max<std::uint64_t>(to_fill, samples >= 2 * min_slice_samples ? 2 : 1);
 		const std::uint64_t room = page_bytes / (page.pixels * sizeof(rt_film_pixel));
-		return static_cast<std::uint32_t>(
-		    std::max<std::uint64_t>(1, std::min({wanted, room, std::uint64_t(max_slices), std::uint64_t(samples)})));
+		const std::uint64_t most = std::min({wanted, room, std::uint64_t(max_slices), std::uint64_t(samples)});
+		std::uint32_t slices = 1;
+		while (2 * slices <= most)
+			slices *= 2;
+		return slices;
 	}
 
 	// An empty list still needs memory that a kernel's argument can point to.

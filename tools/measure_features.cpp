@@ -302,19 +302,18 @@ Result<int> run(int argc, char** argv)
 	setenv("POCL_CACHE_DIR", (scratch.path() / "pocl").c_str(), 1);
 	setenv("CUDA_CACHE_DISABLE", "1", 1);
 	RT_TRY_ASSIGN(const MeasuredDevice device, open_measured_device(wanted.device));
-	Json scenes = Json::array();
-	for (const std::string& scene : wanted.scenes) {
-		RT_TRY_ASSIGN(Json json, Measuring(wanted, scratch, device.handle, device.software_roots).run(scene));
-		scenes.push_back(std::move(json));
-	}
-	if (wanted.json.empty())
-		return 0;
 	const auto& nvrtc = Nvrtc::load();
 	Json all = measuring_head(wanted, device.handle->info());
 	all["nvrtc"] = nvrtc && wanted.capability != 0 ? Json(nvrtc.value()->version()) : Json();
 	all["capability"] = wanted.capability;
-	all["feature_scenes"] = scenes;
-	RT_TRY(write_file(wanted.json, to_text(all)));
+	Json& scenes = all["feature_scenes"] = Json::array();
+	for (const std::string& scene : wanted.scenes) {
+		RT_TRY_ASSIGN(Json json, Measuring(wanted, scratch, device.handle, device.software_roots).run(scene));
+		scenes.push_back(std::move(json));
+		// After each scene: a run that somebody ends keeps what it has.
+		if (!wanted.json.empty())
+			RT_TRY(write_file(wanted.json, to_text(all)));
+	}
 	return 0;
 }
 

@@ -360,17 +360,16 @@ Result<int> run(int argc, char** argv)
 		return Error{ErrorKind::Usage, "the device has no double precision", "--against double", "take another one",
 		             ""};
 	Measuring measuring(wanted, device.handle, device.software_roots);
-	Json scenes = Json::array();
+	Json all = measuring_head(wanted, device.handle->info());
+	all["ulp_bins"] = bin_names;
+	Json& scenes = all["rung_scenes"] = Json::array();
 	for (const std::string& scene : wanted.scenes) {
 		RT_TRY_ASSIGN(Json json, measuring.run(scene));
 		scenes.push_back(std::move(json));
+		// After each scene: a run that somebody ends keeps what it has.
+		if (!wanted.json.empty())
+			RT_TRY(write_file(wanted.json, to_text(all)));
 	}
-	if (wanted.json.empty())
-		return 0;
-	Json all = measuring_head(wanted, device.handle->info());
-	all["ulp_bins"] = bin_names;
-	all["rung_scenes"] = scenes;
-	RT_TRY(write_file(wanted.json, to_text(all)));
 	return 0;
 }
 

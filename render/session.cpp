@@ -52,13 +52,16 @@ constexpr std::uint32_t widest_lanes = 16;
 constexpr std::size_t min_bvh_spheres_one_lane = RT_MAX_FEW_SPHERES + 1;
 constexpr std::size_t min_bvh_spheres_lanes = 24;
 
+// Bytes that a device's film may have; max_alloc_bytes: of its largest buffer, 0 if that is not known.
+std::uint64_t film_room(std::uint64_t max_alloc_bytes)
+{
+	return max_alloc_bytes ? std::min(page_bytes, max_alloc_bytes) : page_bytes;
+}
+
 std::uint32_t page_rows(const PackedScene& packed, std::uint64_t max_alloc_bytes)
 {
 	const std::uint64_t row_bytes = std::uint64_t(packed.scene.window_width) * sizeof(rt_film_pixel);
-	std::uint64_t limit = page_bytes;
-	if (max_alloc_bytes)
-		limit = std::min(limit, max_alloc_bytes);
-	const std::uint64_t rows = std::max<std::uint64_t>(1, limit / row_bytes);
+	const std::uint64_t rows = std::max<std::uint64_t>(1, film_room(max_alloc_bytes) / row_bytes);
 	return static_cast<std::uint32_t>(std::min<std::uint64_t>(rows, packed.scene.window_height));
 }
 
@@ -375,7 +378,7 @@ private:
 		const std::uint64_t to_fill = device_->info().compute_units * threads_a_compute_unit * launch_fills /
 		                              (page.part_pixels / page.parts.size());
 		const std::uint64_t wanted = std::max<std::uint64_t>(to_fill, samples >= 2 * min_slice_samples ? 2 : 1);
-		const std::uint64_t room = page_bytes / (page.pixels * sizeof(rt_film_pixel));
+		const std::uint64_t room = film_room(device_->info().max_alloc_bytes) / (page.pixels * sizeof(rt_film_pixel));
 		const std::uint64_t most = std::min({wanted, room, std::uint64_t(max_slices), std::uint64_t(samples)});
 		std::uint32_t slices = 1;
 		while (2 * slices <= most)

@@ -47,8 +47,8 @@ constexpr std::uint32_t max_slices = 32;
 constexpr std::size_t typical_visits = 64;
 constexpr std::uint32_t widest_lanes = 16;
 // From so many spheres on a tree is faster than trying them all (docs/performance.md, tools/bench_crossover): 8 to 20
-// with one lane on a processor, 20 to 32 with eight. On a GPU it was not measured, so programs with few spheres
-// unrolled stay without one.
+// with one lane on a processor, 20 to 32 with eight, 17 to 32 on a GPU. Programs with few spheres unrolled stay without
+// one.
 constexpr std::size_t min_bvh_spheres_one_lane = RT_MAX_FEW_SPHERES + 1;
 constexpr std::size_t min_bvh_spheres_lanes = 24;
 

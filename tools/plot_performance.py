@@ -479,8 +479,20 @@ def crossovers_text(results):
 def profile_text(entry):
     rows = [(told, f"{entry['metrics'][name]:,.4g}".replace(",", " ") + unit if entry["metrics"][name] < 1e5
              else count_text(entry["metrics"][name])) for name, told, unit in METRICS if name in entry["metrics"]]
-    return [f"### A launch under Nsight Compute, {entry['device']}, {entry['date']}", "", f"{entry['what']}", "",
-            *table(("", ""), rows), ""]
+    lines = [f"### A launch under Nsight Compute, {entry['device']}, {entry['date']}", "", f"{entry['what']}", "",
+             *table(("", ""), rows), ""]
+    if "parts" in entry:
+        # Entered by hand from `ncu --page source`: which instructions are which part of the kernel nobody else knows.
+        parts = entry["parts"]
+        total = sum(part["instructions"] for part in parts)
+        needed = sum(part["instructions"] * part["lanes"] for part in parts) / 32
+        best = entry["metrics"]["Duration"] * needed / total * entry["metrics"]["Issue Slots Busy"] / 100
+        lines += ["By part, warp instructions a segment of 32 lanes, and how many of these are active:", "",
+                  *table(("part", "instructions", "active lanes"),
+                         [(part["part"], f"{part['instructions']:.0f}", f"{part['lanes']:.1f}") for part in parts]), "",
+                  f"With all lanes active they would be {needed:.0f} instead of {total:.0f}, and with every issue slot used, too, the",
+                  f"launch would take {best:.2g} ms: nearer than that only other arithmetic gets.", ""]
+    return lines
 
 
 def steps_text(results):

@@ -2,10 +2,10 @@
 """Makes docs/performance.md and its plots from the results in docs/performance.json.
 
     tools/plot_performance.py --add FILE...    takes up results of `rt bench --json`, with or without --sweep, of
-                                               `tools/bench_peers --json`, `tools/bench_crossover --json` and
-                                               `tools/measure_mean --json`, and the text of build/tools/rt_measure_rungs,
-                                               in the place of older ones of the same device and kind; then makes
-                                               page and plots
+                                               `tools/bench_peers --json`, `tools/bench_crossover --json`,
+                                               `tools/bench_start --json` and `tools/measure_mean --json`, and the text
+                                               of build/tools/rt_measure_rungs, in the place of older ones of the same
+                                               device and kind; then makes page and plots
     tools/plot_performance.py --profile FILE DATE DEVICE WHAT
                                                takes up the text of Nsight Compute (ncu --set full) about one launch;
                                                WHAT says of what
@@ -38,7 +38,7 @@ BENCH_KEYS = ("scene", "spheres", "width", "height", "samples", "max_depth", "lo
               "phases", "render_seconds", "samples_per_second", "segments_per_second", "segments_rendered", "launches",
               "lanes", "bvh", "build", "model", "peak", "film_hash", "seconds")
 # Steps are written by hand: what, before, after, where, date.
-KINDS = ("peers", "sweeps", "benches", "rungs", "crossovers", "means", "profiles", "steps")
+KINDS = ("peers", "sweeps", "benches", "rungs", "crossovers", "means", "starts", "profiles", "steps")
 # What is said of a profiled launch: Nsight Compute's name, ours, and the unit.
 METRICS = (("Duration", "duration", " ms"), ("Executed Instructions", "warp instructions", ""),
            ("Issue Slots Busy", "issue slots busy", " %"),
@@ -83,6 +83,11 @@ def add(results, document, path):
     elif "mean" in document:
         replace(results["means"], {"date": document["date"], **document["mean"]},
                 lambda other: (other["scene"], other["backend"]))
+    elif "starts" in document:
+        for start in document["starts"]:
+            entry = {**picked(document, ("date", "version", "device", "processors", "load", "rounds")), **start}
+            replace(results["starts"], entry, lambda other: (other["case"], other["device"]["backend"],
+                                                             other["device"]["name"]))
     elif "phases" in document:
         document.setdefault("precision", "exact")  # results from before there was another
         entry = {**picked(document, FACTS), "device": device_of(document), **picked(document, BENCH_KEYS)}
@@ -246,27 +251,40 @@ def million_mean(results):
     raise Unknown("not measured")
 
 
+def start_seconds(case, backend, which):
+    """Median seconds from the command line to the picture; the slowest device of that backend counts."""
+    def figure(results):
+        entries = [entry for entry in results["starts"]
+                   if entry["case"] == case and entry["device"]["backend"] == backend
+                   and is_processor(backend, entry["device"]["name"]) == (backend != "cuda")]
+        if not entries:
+            raise Unknown("not measured")
+        return max(Measured(entry[which]["median"], entry["device"]["name"], entry["date"]) for entry in entries)
+    return figure
+
+
 def exact_against_fast(backends):
     """The largest ratio among scenes; both rungs were rendered in turn."""
     def figure(results):
         ratios = [Measured(1 / entry["of_exact"]["fast"], entry["device"], entry["date"])
                   for entry in results["rungs"] if entry["backend"] in backends and "fast" in entry["of_exact"]
-                  and is_processor(entry) == ("cuda" not in backends)]
+                  and is_processor(entry["backend"], entry["device"]) == ("cuda" not in backends)]
         if not ratios:
             raise Unknown("not measured")
         return max(ratios)
     return figure
 
 
-def is_processor(rungs):
+def is_processor(backend, device):
     """OpenCL's GPUs share their backend with processors; they have CUDA's name too."""
-    return rungs["backend"] != "cuda" and not rungs["device"].startswith("NVIDIA")
+    return backend != "cuda" and not device.startswith("NVIDIA")
 
 
 CUDA = ["Mitsuba cuda_ad_rgb", "Mitsuba cuda_ad_rgb, roulette"]
 LLVM = ["Mitsuba llvm_ad_rgb", "Mitsuba llvm_ad_rgb, roulette"]
 CYCLES = ["Cycles", "Cycles, roulette"]
 SMALL, LARGE = "three-spheres:640x360:32", "three-spheres:1920x1080:128"
+STARTED = "three-spheres:640x480:16"
 WEEKEND, LARGE_WEEKEND = "weekend:400x225:16", "weekend:1200x675:100"
 CLOUDS = ["cloud-100000:400x225:16", "cloud-1000000:400x225:16"]
 # What is promised, the bound, whether it is a floor or a ceiling, and how it is computed.
@@ -290,6 +308,12 @@ TARGETS = [
        against(cloud, CYCLES, "processor", key))
       for cloud in CLOUDS
       for what, key in (("time", "seconds"), ("fresh process", "command_seconds"), ("peak memory", "peak_bytes"))),
+    (f"seconds from the command line to the PNG, `{STARTED}`, PoCL, empty caches", 3, "at most",
+     start_seconds(STARTED, "opencl", "cold")),
+    ("the same with full caches", 0.5, "at most", start_seconds(STARTED, "opencl", "warm")),
+    ("the same, CUDA, full caches", 0.4, "at most", start_seconds(STARTED, "cuda", "warm")),
+    ("seconds from the command line to the PNG, `cloud-1000000:400x225:16`, CUDA, empty caches", 2, "at most",
+     start_seconds("cloud-1000000:400x225:16", "cuda", "cold")),
     ("time of exact over fast, CUDA, worst case", 1.25, "at most", exact_against_fast(("cuda",))),
     ("time of exact over fast, processor, worst case", 1.1, "at most", exact_against_fast(("opencl", "reference"))),
 ]
@@ -476,6 +500,17 @@ def crossovers_text(results):
     return lines
 
 
+def starts_text(results):
+    rows = [(f"`{entry['case']}`", f"{short_name(entry['device']['name'])} ({entry['device']['backend']})",
+             *(time_text(entry[which][least]) for which in ("cold", "warm") for least in ("min", "median")),
+             f"{entry['processors']} processors, load {entry['load']:.2g}, {entry['date'][:10]}")
+            for entry in results["starts"]]
+    return ["## From the command line to the picture", "",
+            "A process of its own opens the device, tests it, compiles, renders and writes a PNG (`tools/bench_start`).",
+            "*Cold*: with empty caches of rt and of the driver; *warm*: the command again.", "",
+            *table(("case", "device", "cold, least", "median", "warm, least", "median", "on"), rows), ""]
+
+
 def profile_text(entry):
     rows = [(told, f"{entry['metrics'][name]:,.4g}".replace(",", " ") + unit if entry["metrics"][name] < 1e5
              else count_text(entry["metrics"][name])) for name, told, unit in METRICS if name in entry["metrics"]]
@@ -516,10 +551,11 @@ def page(results):
              "    tools/bench_peers --set gpu --backends cuda,opencl --mitsuba PYTHON --seed DIR --rogerallen DIR "
              "--json gpu.json",
              "    tools/bench_crossover --backend opencl --lanes 1,8 --json crossover.json",
+             "    tools/bench_start --json start.json",
              "    tools/measure_mean --json mean.json",
              "    build/tools/rt_measure_rungs weekend --backend opencl --size 240x135 > rungs.txt",
-             "    tools/plot_performance.py --add weekend.json spheres.json cpu.json gpu.json crossover.json mean.json "
-             "rungs.txt", "",
+             "    tools/plot_performance.py --add weekend.json spheres.json cpu.json gpu.json crossover.json start.json "
+             "mean.json rungs.txt", "",
              "The last command puts results into docs/performance.json and makes this page and its plots anew.",
              "`tools/count_instructions` is the part that CI runs: instructions of small renders, which do not depend",
              "on what else a machine does.", "", "## Targets", "", *verdicts(results), "", *parts_of_render(results)]
@@ -541,6 +577,8 @@ def page(results):
                   "second volume has a sky of one colour.", ""]
         for entry in results["peers"]:
             lines += peers_text(entry)
+    if results["starts"]:
+        lines += starts_text(results)
     if results["sweeps"]:
         lines += ["## Scaling", "",
                   "Least of the repeats, launches and reading back; exponents of time by least squares on logarithms,",

@@ -371,6 +371,15 @@ std::uint64_t PackedScene::bytes() const
 	       textures.size() * sizeof(rt_texture);
 }
 
+void PackedScene::free_lists()
+{
+	PackedScene rest;
+	rest.scene = scene;
+	rest.features = features;
+	rest.film_exponent = film_exponent;
+	*this = std::move(rest);
+}
+
 Result<PackedScene> pack_scene(const Scene& scene, const RenderSettings& settings, const Window& window)
 {
 	if (window.width == 0 || window.height == 0 || std::uint64_t(window.x) + window.width > settings.width ||

@@ -27,6 +27,7 @@ struct PackedScene {
 	std::int32_t film_exponent = 0;
 
 	std::uint64_t bytes() const; // device memory of everything above
+	void free_lists();           // gives their memory back; what is no list stays
 };
 
 // Shifts the scene in double so that the camera is the origin and rounds it once. Errors (Usage): values outside the

@@ -26,8 +26,6 @@ constexpr double target_launch_seconds = 0.1;
 // longest paths, so a small image should not need several.
 constexpr double first_samples = 0x1p16, first_tests = 0x1p27;
 constexpr double gpu_first_samples = 0x1p18, gpu_first_tests = 0x1p22;
-// Samples of a pixel, or rows, that a launch leaves over are taken with it if they are fewer than this part of its own.
-constexpr double left_over = 0.5;
 // A device holds the sums of this many bytes of pixels at once; larger windows are rendered page by page.
 constexpr std::uint64_t page_bytes = std::uint64_t(1) << 28;
 constexpr double progress_interval_seconds = 0.1;
@@ -133,6 +131,13 @@ public:
 	{
 	}
 
+	// Of `left` samples or rows, those that a launch takes which would like so many: all, if hardly more are left.
+	static std::uint32_t most_of(double wanted, std::uint32_t left)
+	{
+		constexpr double hardly_more = 1.5; // a launch of its own for the rest would cost more waiting
+		return wanted * hardly_more >= left ? left : std::max(1u, static_cast<std::uint32_t>(wanted));
+	}
+
 	// `budget`: pixel samples that the worker wants to take before it waits. Several launches where parts are small;
 	// none where nothing is left.
 	std::vector<Work> take(double budget)
@@ -142,27 +147,22 @@ public:
 			if (next_sample_ == end_sample_)
 				return works;
 			const double per_sample = double(page_.part_pixels);
-			double wanted = std::clamp(budget / per_sample, 1.0, double(RT_MAX_SAMPLES_PER_LAUNCH));
-			if (forced_samples_)
-				wanted = std::min(forced_samples_, RT_MAX_SAMPLES_PER_LAUNCH);
-			pass_first_ = next_sample_;
 			const std::uint32_t left = end_sample_ - next_sample_;
-			pass_samples_ = std::min(static_cast<std::uint32_t>(wanted), left);
-			if (!forced_samples_ && left <= RT_MAX_SAMPLES_PER_LAUNCH && double(left) <= wanted * (1 + left_over))
-				pass_samples_ = left;
+			const std::uint32_t wanted =
+			    forced_samples_ ? std::min(forced_samples_, left) : most_of(budget / per_sample, left);
+			pass_first_ = next_sample_;
+			pass_samples_ = std::min(wanted, RT_MAX_SAMPLES_PER_LAUNCH);
 			next_sample_ += pass_samples_;
 			next_part_ = 0;
 		}
 		do {
 			const Window& window = page_.parts[next_part_].window;
 			const double row_samples = double(window.width) * pass_samples_;
-			const double rows = forced_rows_ ? forced_rows_ : budget / row_samples;
 			const std::uint32_t left = window.height - next_row_;
 			Work work;
 			work.part = next_part_;
 			work.first_row = next_row_;
-			const double all_rows = forced_rows_ ? left : left / (1 + left_over);
-			work.rows = rows >= all_rows ? left : std::max(1u, static_cast<std::uint32_t>(rows));
+			work.rows = forced_rows_ ? std::min(forced_rows_, left) : most_of(budget / row_samples, left);
 			work.first_sample = pass_first_;
 			work.samples = pass_samples_;
 			works.push_back(work);
@@ -394,16 +394,9 @@ private:
 		const T nothing{};
 		RT_TRY(list.empty() ? upload(buffer, &nothing, sizeof nothing)
 		                    : upload(buffer, list.data(), list.size() * sizeof(T)));
-		if (!is_gpu())
-			free_spare(member);
-		return success();
-	}
-
-	template <class T>
-	void free_spare(std::vector<T> PackedScene::*member)
-	{
-		if (spare_)
+		if (spare_ && !is_gpu())
 			std::vector<T>().swap(spare_->*member);
+		return success();
 	}
 
 	Status run(const std::vector<Work>& works)
@@ -434,7 +427,7 @@ private:
 		}
 		if (is_gpu()) {
 			populate_film();
-			free_spares();
+			free_spare();
 		}
 		RT_TRY(device_->wait());
 		const double seconds = seconds_since(start);
@@ -467,12 +460,10 @@ private:
 	}
 
 	// Another part of that wait: giving back a million spheres' lists takes as long as sending them.
-	void free_spares()
+	void free_spare()
 	{
-		free_spare(&PackedScene::spheres);
-		free_spare(&PackedScene::sphere_ids);
-		free_spare(&PackedScene::sphere_materials);
-		free_spare(&PackedScene::bvh);
+		if (spare_)
+			spare_->free_lists();
 		spare_ = nullptr;
 	}
 

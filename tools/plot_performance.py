@@ -85,7 +85,8 @@ def add(results, document, path):
                 lambda other: (other["scene"], other["backend"]))
     elif "starts" in document:
         for start in document["starts"]:
-            entry = {**picked(document, ("date", "version", "device", "processors", "load", "rounds")), **start}
+            entry = {**picked(document, ("date", "version", "revision", "device", "processors", "load", "rounds")),
+                     **start}
             replace(results["starts"], entry, lambda other: (other["case"], other["device"]["backend"],
                                                              other["device"]["name"]))
     elif "phases" in document:
@@ -563,7 +564,8 @@ def page(results):
         lines += ["## Peers", "",
                   "Times are the least of some repeats, from a loaded scene to the film on the host. *First render*",
                   "has compilation in it. *Fresh process* and *memory* are the least time and the most memory of",
-                  "three commands that start, load, render once and write the film as floats; Blender's start is in",
+                  "three commands that start, load, render once and write the film as floats (runs before 07:00 UTC of",
+                  "2026-11-23 looked at them every 50 ms: times up to that much too long); Blender's start is in",
                   "Cycles'. *MSE* is against the same program's own image of many more samples and another seed.",
                   "",
                   "rt's base row has independent random numbers, as Mitsuba has; Cycles has Sobol points. rt's base",

@@ -1,10 +1,14 @@
 """What the scripts have in common that measure, or make a page of docs/ and its plots from a file of results."""
 
+import datetime
 import json
+import os
+import platform
 import sys
 from pathlib import Path
 
-DOCS = Path(__file__).resolve().parent.parent / "docs"
+TOOLS = Path(__file__).resolve().parent
+DOCS = TOOLS.parent / "docs"
 IMAGES = DOCS / "images"
 
 
@@ -12,6 +16,23 @@ def load(name, kinds):
     """The results of docs/NAME.json: a list for each kind, empty where there are none yet."""
     path = DOCS / f"{name}.json"
     return {kind: [] for kind in kinds} | (json.loads(path.read_text()) if path.exists() else {})
+
+
+def utc_now():
+    return datetime.datetime.now(datetime.timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def facts_of_run():
+    """When it was and on what machine, with the load that everybody there makes."""
+    return {"date": utc_now(), "host": platform.processor() or platform.machine(),
+            "processors": len(os.sched_getaffinity(0)), "load": os.getloadavg()[0]}
+
+
+def fresh_process(start, command, limit, folder):
+    """A command in a process of its own: what start(list) returns that runs it, its `seconds` and its `peak_bytes`."""
+    result = folder / "fresh.json"
+    done = start([sys.executable, TOOLS / "peers/fresh_process.py", result, limit, *command])
+    return done, json.loads(result.read_text())
 
 
 def film_seconds(phases, which):

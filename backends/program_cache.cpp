@@ -98,6 +98,8 @@ bool write_all(int file, const void* data, std::size_t bytes)
 
 } // namespace
 
+bool cache_is_on() { return !cache_directory().empty(); }
+
 std::string cache_path(const CacheKey& key)
 {
 	const std::string directory = cache_directory();

@@ -32,6 +32,8 @@ std::string cache_environment();
 std::optional<std::vector<std::uint8_t>> cache_load(const CacheKey& key);
 void cache_store(const CacheKey& key, const std::vector<std::uint8_t>& payload);
 
+bool cache_is_on();
+
 // The file that holds a key's entry (whether or not it is there); empty when the cache is off.
 std::string cache_path(const CacheKey& key);
 

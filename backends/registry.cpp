@@ -30,20 +30,16 @@ const std::vector<Backend*>& backends()
 	return list;
 }
 
-Enumeration enumerate_all()
-{
-	Enumeration all;
-	for (Backend* backend : backends()) {
-		Enumeration found = backend->enumerate();
-		std::move(found.devices.begin(), found.devices.end(), std::back_inserter(all.devices));
-		std::move(found.absences.begin(), found.absences.end(), std::back_inserter(all.absences));
-	}
-	return all;
-}
-
 namespace {
 
 constexpr const char* any_backend = "auto";
+
+void enumerate_into(Enumeration& all, Backend& backend)
+{
+	Enumeration found = backend.enumerate();
+	std::move(found.devices.begin(), found.devices.end(), std::back_inserter(all.devices));
+	std::move(found.absences.begin(), found.absences.end(), std::back_inserter(all.absences));
+}
 
 std::string lower(std::string_view text)
 {
@@ -285,6 +281,37 @@ Status check_backend(const std::string& name)
 }
 
 } // namespace
+
+Enumeration enumerate_all()
+{
+	Enumeration all;
+	for (Backend* backend : backends())
+		enumerate_into(all, *backend);
+	return all;
+}
+
+Result<std::vector<DeviceInfo>> find_devices(const DeviceRequest& request)
+{
+	// Numbers count the devices of all backends, and part of a name may mean any of them.
+	if (trim(request.device).empty()) {
+		Enumeration found;
+		for (Backend* backend : backends()) {
+			const bool named = request.backend == backend->name();
+			if (!named && request.backend != any_backend)
+				continue;
+			enumerate_into(found, *backend);
+			Result<std::vector<DeviceInfo>> chosen = select_devices(request, found);
+			// Among its equals, the first backend's device is the best.
+			const bool best = chosen && chosen->front().kind == DeviceKind::Gpu && !chosen->front().only_if_named;
+			if (best || (named && chosen))
+				return chosen;
+		}
+		if (request.backend == any_backend)
+			return select_devices(request, found);
+	}
+	// An error that lists the devices has their right numbers only from all of them.
+	return select_devices(request, enumerate_all());
+}
 
 Result<std::vector<DeviceInfo>> select_devices(const DeviceRequest& request, const Enumeration& found)
 {

@@ -28,6 +28,10 @@ struct DeviceRequest {
 // there is, with absences) and for a name that matches several (lists the candidates).
 Result<std::vector<DeviceInfo>> select_devices(const DeviceRequest& request, const Enumeration& found);
 
+// The same of this machine's devices. A driver takes up to a tenth of a second to look for its own: those are left
+// alone whose devices could not be chosen.
+Result<std::vector<DeviceInfo>> find_devices(const DeviceRequest& request);
+
 Result<DeviceHandle> open_device(const DeviceInfo& info);
 
 } // namespace rt

@@ -435,18 +435,24 @@ Result<SelfTestItem> test_layout(const DeviceHandle& device)
 	return ask_layout(*device, program);
 }
 
+std::optional<SelfTestReport> remembered_self_test(const DeviceInfo& info, Precision precision)
+{
+	const auto known = cache_load(cache_key(info, precision));
+	if (!known || known->size() != 1)
+		return std::nullopt;
+	SelfTestReport report;
+	report.needs_software_roots = (*known)[0] != 0;
+	report.passed = report.from_cache = true;
+	return report;
+}
+
 Result<SelfTestReport> self_test(const DeviceHandle& device, bool use_cache, Precision precision)
 {
 	const ContractFloatEnvironment environment;
 	const auto start = std::chrono::steady_clock::now();
-	if (use_cache) {
-		if (const auto known = cache_load(cache_key(device->info(), precision)); known && known->size() == 1) {
-			SelfTestReport report;
-			report.needs_software_roots = (*known)[0] != 0;
-			report.passed = report.from_cache = true;
-			return report;
-		}
-	}
+	if (use_cache)
+		if (std::optional<SelfTestReport> known = remembered_self_test(device->info(), precision))
+			return std::move(*known);
 	const bool in_double = precision == Precision::Double;
 	RT_TRY_ASSIGN(SelfTestReport report, in_double ? run_double(device) : run(device, false));
 	if (!in_double && !report.passed && roots_at_fault(report)) {

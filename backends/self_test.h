@@ -6,6 +6,7 @@
 #include "backends/precision.h"
 #include "support/result.h"
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -31,6 +32,9 @@ struct SelfTestReport {
 
 // Does the device lay the shared structs out as the host does? The first question of the self-test.
 Result<SelfTestItem> test_layout(const DeviceHandle& device);
+
+// What an earlier self-test of this device with all that its result depends on said, if it passed.
+std::optional<SelfTestReport> remembered_self_test(const DeviceInfo& info, Precision precision = Precision::Exact);
 
 // Runs the arithmetic probe and the stress tile. If only the device's own square root or reciprocal is at fault, the
 // test is repeated with the software ones. An Error means that the test could not be run (build failure, driver error);

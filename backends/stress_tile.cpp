@@ -1,5 +1,6 @@
 #include "backends/stress_tile.h"
 
+#include "backends/render_launch.h"
 #include "common/rt_structs.h"
 
 #include <algorithm>
@@ -208,20 +209,23 @@ Result<Hash128> render_stress_tile(Device& device, const ProgramHandle& program,
 	if (through_tree)
 		tree = stress.plant_tree(lanes);
 	std::vector<rt_film_pixel> pixels(size * size, rt_film_pixel{});
-	RT_TRY_ASSIGN(const BufferHandle spheres, upload(device, stress.spheres));
-	RT_TRY_ASSIGN(const BufferHandle wide, upload(device, stress.wide));
-	RT_TRY_ASSIGN(const BufferHandle ids, upload(device, stress.ids));
-	RT_TRY_ASSIGN(const BufferHandle sphere_materials, upload(device, stress.sphere_materials));
-	RT_TRY_ASSIGN(const BufferHandle bvh, upload(device, tree));
-	RT_TRY_ASSIGN(const BufferHandle materials, upload(device, stress.materials));
-	RT_TRY_ASSIGN(const BufferHandle textures, upload(device, stress.textures));
-	RT_TRY_ASSIGN(const BufferHandle texels, upload(device, stress.texels));
-	RT_TRY_ASSIGN(const BufferHandle lights, upload(device, std::vector<rt_light>(1)));
+	SceneBuffers lists;
+	RT_TRY_ASSIGN(lists.spheres, upload(device, stress.spheres));
+	RT_TRY_ASSIGN(lists.wide, upload(device, stress.wide));
+	RT_TRY_ASSIGN(lists.ids, upload(device, stress.ids));
+	RT_TRY_ASSIGN(lists.sphere_materials, upload(device, stress.sphere_materials));
+	RT_TRY_ASSIGN(lists.bvh, upload(device, tree));
+	RT_TRY_ASSIGN(lists.materials, upload(device, stress.materials));
+	RT_TRY_ASSIGN(lists.textures, upload(device, stress.textures));
+	RT_TRY_ASSIGN(lists.texels, upload(device, stress.texels));
+	RT_TRY_ASSIGN(lists.lights, upload(device, std::vector<rt_light>(1)));
 	RT_TRY_ASSIGN(const BufferHandle film, upload(device, pixels));
-	const std::uint32_t items = RT_TILES(size, size, lanes) * RT_TILE_ITEMS(lanes);
-	RT_TRY(device.launch(program, "rt_render", items,
-	                     {by_value(stress.scene), by_value(rt_few_spheres{}), spheres, wide, ids, sphere_materials, bvh,
-	                      materials, textures, texels, lights, film, 0u, size, 0u, samples, 1u, size * size}));
+	RenderRange range;
+	range.rows = size;
+	range.samples = samples;
+	range.slice_pixels = size * size;
+	RT_TRY(device.launch(program, "rt_render", render_items(size, range, lanes),
+	                     render_arguments(stress.scene, {}, lists, film, range), render_group(lanes)));
 	RT_TRY(device.wait());
 	RT_TRY(device.read(film, 0, pixels.data(), pixels.size() * sizeof(rt_film_pixel)));
 	Hasher hasher;

@@ -545,7 +545,7 @@ Result<PackedScene> with_bvh(const PackedScene& packed, std::uint32_t lanes, Bvh
 		out.bvh = std::move(tree.nodes);
 		out.bvh.reserve(out.bvh.size() + tree.blocks.size());
 		out.bvh.insert(out.bvh.end(), tree.blocks.begin(), tree.blocks.end());
-		out.features |= RT_FEATURE_BVH | RT_FEATURE_PERMUTED;
+		out.features |= bvh_features;
 		if (stats) {
 			const auto area = std::max(root_area, 1e-300);
 			stats->nodes = out.scene.bvh_blocks / RT_BVH_NODE_ROWS(shape.width);

@@ -4,6 +4,7 @@
 // are numbered by their place in the tree. It can change how long a render takes, never a bit of it.
 #pragma once
 
+#include "common/rt_features.h"
 #include "common/rt_structs.h"
 #include "render/pack.h"
 #include "support/result.h"
@@ -25,8 +26,11 @@ struct BvhStats {
 	double seconds = 0;
 };
 
+// What a scene with a tree asks of the kernels.
+constexpr std::uint32_t bvh_features = RT_FEATURE_BVH | RT_FEATURE_PERMUTED;
+
 // Stores the spheres in the order of a tree's leaves and adds the tree: sets PackedScene::bvh, the scene's bvh_ members
-// and RT_FEATURE_BVH | RT_FEATURE_PERMUTED. Wide spheres stay outside the tree, in front. lanes: 1, 4, 8 or 16.
+// and bvh_features. Wide spheres stay outside the tree, in front. lanes: 1, 4, 8 or 16.
 // Errors: Memory.
 Result<PackedScene> with_bvh(const PackedScene& packed, std::uint32_t lanes, BvhStats* stats = nullptr);
 

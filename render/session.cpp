@@ -1,6 +1,7 @@
 #include "render/session.h"
 
 #include "backends/kernel_text.h"
+#include "backends/render_launch.h"
 #include "common/rt_features.h"
 #include "render/bvh.h"
 #include "support/clock.h"
@@ -272,15 +273,15 @@ public:
 		                   : std::min(first_samples, first_tests / per_sample);
 
 		const Clock::time_point start = Clock::now();
-		RT_TRY(upload_list(spheres_, &PackedScene::spheres));
-		RT_TRY(upload_list(wide_, &PackedScene::wide));
-		RT_TRY(upload_list(ids_, &PackedScene::sphere_ids));
-		RT_TRY(upload_list(sphere_materials_, &PackedScene::sphere_materials));
-		RT_TRY(upload_list(bvh_, &PackedScene::bvh));
-		RT_TRY(upload_list(materials_, &PackedScene::materials));
-		RT_TRY(upload_list(textures_, &PackedScene::textures));
-		RT_TRY(upload_list(texels_, &PackedScene::texels));
-		RT_TRY(upload_list(lights_, &PackedScene::lights));
+		RT_TRY(upload_list(lists_.spheres, &PackedScene::spheres));
+		RT_TRY(upload_list(lists_.wide, &PackedScene::wide));
+		RT_TRY(upload_list(lists_.ids, &PackedScene::sphere_ids));
+		RT_TRY(upload_list(lists_.sphere_materials, &PackedScene::sphere_materials));
+		RT_TRY(upload_list(lists_.bvh, &PackedScene::bvh));
+		RT_TRY(upload_list(lists_.materials, &PackedScene::materials));
+		RT_TRY(upload_list(lists_.textures, &PackedScene::textures));
+		RT_TRY(upload_list(lists_.texels, &PackedScene::texels));
+		RT_TRY(upload_list(lists_.lights, &PackedScene::lights));
 		stats_.upload_seconds = seconds_since(start);
 		return success();
 	}
@@ -358,13 +359,6 @@ private:
 		return device_->write(buffer, 0, data, bytes);
 	}
 
-	// A work-item of several lanes has a tile's work: a group of them would only make the driver keep each one's
-	// stacks.
-	std::uint32_t group_size() const
-	{
-		return shared_.options.group_size ? shared_.options.group_size : stats_.lanes > 1 ? 1 : 0;
-	}
-
 	// How many parts a pixel's samples are taken in, so that a GPU has enough to do. A power of two: samples are mostly
 	// so many that these are of one size.
 	std::uint32_t slices_for(const Page& page, std::uint32_t samples) const
@@ -407,6 +401,7 @@ private:
 			RT_TRY(device_->launch(program_, "rt_clear", pixels, {film_, pixels}));
 			film_is_clear_ = true;
 		}
+		const std::uint32_t group_size = shared_.options.group_size;
 		std::uint64_t samples = 0;
 		for (const Work& work : works) {
 			const Part& part = page_->parts[work.part];
@@ -416,13 +411,12 @@ private:
 			scene.window_y += part.window.y - part.first_row; // may wrap: the kernel's sum wraps back
 			scene.window_width = width;
 			scene.window_height = part.window.height;
-			const std::uint64_t tiles = RT_TILES(std::uint64_t(width), work.rows, stats_.lanes);
-			RT_TRY(device_->launch(program_, "rt_render", tiles * slices_ * RT_TILE_ITEMS(stats_.lanes),
-			                       {by_value(scene), by_value(few_), spheres_, wide_, ids_, sphere_materials_, bvh_,
-			                        materials_, textures_, texels_, lights_, film_, part.first_row + work.first_row,
-			                        work.rows, work.first_sample, work.samples, slices_,
-			                        static_cast<std::uint32_t>(page_->pixels)},
-			                       group_size()));
+			const RenderRange range{
+			    part.first_row + work.first_row,          work.rows, work.first_sample, work.samples, slices_,
+			    static_cast<std::uint32_t>(page_->pixels)};
+			RT_TRY(device_->launch(program_, "rt_render", render_items(width, range, stats_.lanes),
+			                       render_arguments(scene, few_, lists_, film_, range),
+			                       group_size ? group_size : render_group(stats_.lanes)));
 			samples += std::uint64_t(width) * work.rows * work.samples;
 		}
 		if (is_gpu()) {
@@ -579,7 +573,8 @@ private:
 	DeviceStats stats_;
 	ProgramHandle program_;
 	rt_few_spheres few_{};
-	BufferHandle spheres_, wide_, ids_, sphere_materials_, bvh_, materials_, textures_, texels_, lights_, film_;
+	SceneBuffers lists_;
+	BufferHandle film_;
 	const Page* page_ = nullptr;
 	std::uint32_t slices_ = 1;
 	bool film_is_clear_ = false; // empty, or holding only the sums of done_
@@ -628,9 +623,11 @@ ProgramSpec render_program(const PackedScene& packed, const DeviceInfo& device, 
 	ProgramSpec spec;
 	spec.root = "kernels/render.cl";
 	spec.entries = {"rt_clear", "rt_merge", "rt_render", "rt_identify"};
-	const bool permuted = (packed.features & RT_FEATURE_PERMUTED) != 0;
-	const std::uint32_t features = options.specialise ? packed.features : std::uint32_t(RT_FEATURE_ALL);
-	spec.defines.emplace_back("RT_LANES", fmt::format("{}", lanes_of(device, options)));
+	const std::uint32_t lanes = lanes_of(device, options);
+	const std::uint32_t own = packed.features | (wants_bvh(packed, lanes, options.bvh) ? bvh_features : 0u);
+	const std::uint32_t features = options.specialise ? own : std::uint32_t(RT_FEATURE_ALL);
+	const bool permuted = (own & RT_FEATURE_PERMUTED) != 0;
+	spec.defines.emplace_back("RT_LANES", fmt::format("{}", lanes));
 	spec.defines.emplace_back("RT_FEATURES", fmt::format("{:#x}u", features));
 	spec.defines.emplace_back("RT_DEF_NATIVE_ROOTS", options.software_roots ? "0" : "1");
 	set_precision(spec, options.precision, options.fast_parts);

@@ -39,7 +39,7 @@ struct SessionOptions {
 	bool allow_contraction = false; // the compiler may fuse products and sums; it finds none (tests of rule 3)
 	Acceleration bvh = Acceleration::Auto; // Auto: where the device gains by it
 	std::uint32_t lanes = 0;               // 0: the device's native width (1 in the double rung)
-	std::uint32_t group_size = 0;          // 0: the backend's choice
+	std::uint32_t group_size = 0;          // 0: chosen by lanes and backend
 	std::uint32_t slices = 0;              // parts that a pixel's samples are taken in, side by side; 0: by the device
 	std::uint32_t rows_per_launch = 0;     // 0: chosen by time
 	std::uint32_t samples_per_launch = 0;
@@ -70,7 +70,8 @@ struct SessionResult {
 	std::vector<DeviceStats> devices;
 };
 
-// The program that a session builds for a scene on a device: features, sphere counts, lanes, roots.
+// The program that a session builds for a scene on a device, whether or not the scene has its tree yet: features,
+// sphere counts, lanes, roots.
 ProgramSpec render_program(const PackedScene& packed, const DeviceInfo& device, const SessionOptions& options);
 
 // Bytes that a render takes on a device, and on the host beside the scene itself.

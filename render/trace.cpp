@@ -28,6 +28,16 @@ std::map<Place, TraceSite> read_sites()
 	return sites;
 }
 
+// One row of one pixel.
+RenderRange range_of(const PixelLaunch& launch)
+{
+	RenderRange range;
+	range.rows = range.slice_pixels = 1;
+	range.first_sample = launch.first_sample;
+	range.samples = launch.samples;
+	return range;
+}
+
 } // namespace
 
 bool same_sums(const rt_film_pixel& a, const rt_film_pixel& b)
@@ -89,15 +99,15 @@ Result<Tracer::Resident> Tracer::upload(const PackedScene& packed) const
 		RT_TRY_ASSIGN(buffer, device_->alloc(bytes));
 		return device_->write(buffer, 0, list.empty() ? &nothing : list.data(), bytes);
 	};
-	RT_TRY(put(resident.spheres, packed.spheres));
-	RT_TRY(put(resident.wide, packed.wide));
-	RT_TRY(put(resident.ids, packed.sphere_ids));
-	RT_TRY(put(resident.sphere_materials, packed.sphere_materials));
-	RT_TRY(put(resident.bvh, packed.bvh));
-	RT_TRY(put(resident.materials, packed.materials));
-	RT_TRY(put(resident.textures, packed.textures));
-	RT_TRY(put(resident.texels, packed.texels));
-	RT_TRY(put(resident.lights, packed.lights));
+	RT_TRY(put(resident.lists.spheres, packed.spheres));
+	RT_TRY(put(resident.lists.wide, packed.wide));
+	RT_TRY(put(resident.lists.ids, packed.sphere_ids));
+	RT_TRY(put(resident.lists.sphere_materials, packed.sphere_materials));
+	RT_TRY(put(resident.lists.bvh, packed.bvh));
+	RT_TRY(put(resident.lists.materials, packed.materials));
+	RT_TRY(put(resident.lists.textures, packed.textures));
+	RT_TRY(put(resident.lists.texels, packed.texels));
+	RT_TRY(put(resident.lists.lights, packed.lights));
 	return resident;
 }
 
@@ -111,25 +121,7 @@ Result<std::vector<Argument>> Tracer::arguments(const Resident& resident, const 
 	if (max_depth)
 		scene.max_depth = max_depth;
 	RT_TRY(device_->write(film_, 0, &launch.before, sizeof launch.before));
-	// One row, in one slice of one pixel.
-	return std::vector<Argument>{by_value(scene),
-	                             by_value(resident.few),
-	                             resident.spheres,
-	                             resident.wide,
-	                             resident.ids,
-	                             resident.sphere_materials,
-	                             resident.bvh,
-	                             resident.materials,
-	                             resident.textures,
-	                             resident.texels,
-	                             resident.lights,
-	                             film_,
-	                             0u,
-	                             1u,
-	                             launch.first_sample,
-	                             launch.samples,
-	                             1u,
-	                             1u};
+	return render_arguments(scene, resident.few, resident.lists, film_, range_of(launch));
 }
 
 Result<rt_film_pixel> Tracer::film()
@@ -144,7 +136,8 @@ Result<rt_film_pixel> Tracer::render(const PixelLaunch& launch, std::uint32_t ma
 {
 	RT_TRY_ASSIGN(const std::vector<Argument> values, arguments(ordinary_scene_, launch, max_depth));
 	// All pixels of the tile but one lie outside of the window.
-	RT_TRY(device_->launch(ordinary_, "rt_render", RT_TILE_ITEMS(lanes_), values));
+	RT_TRY(device_->launch(ordinary_, "rt_render", render_items(1, range_of(launch), lanes_), values,
+	                       render_group(lanes_)));
 	return film();
 }
 

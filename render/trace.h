@@ -6,6 +6,7 @@
 #pragma once
 
 #include "backends/backend.h"
+#include "backends/render_launch.h"
 #include "backends/traced_text.h"
 #include "common/rt_structs.h"
 #include "render/pack.h"
@@ -64,7 +65,7 @@ private:
 	struct Resident {
 		rt_scene scene{};
 		rt_few_spheres few{};
-		BufferHandle spheres, wide, ids, sphere_materials, bvh, materials, textures, texels, lights;
+		SceneBuffers lists;
 	};
 
 	Tracer() = default;

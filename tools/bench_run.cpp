@@ -60,8 +60,7 @@ Result<BenchDevice> open_bench_device(const RenderOptions& options,
 {
 	BenchDevice device;
 	Clock::time_point start = Clock::now();
-	const Enumeration found = enumerate_all();
-	RT_TRY_ASSIGN(const std::vector<DeviceInfo> chosen, select_devices(options.device, found));
+	RT_TRY_ASSIGN(const std::vector<DeviceInfo> chosen, find_devices(options.device));
 	device.enumerate_seconds = seconds_since(start);
 	if (chosen.size() != 1)
 		return Error{ErrorKind::Usage, "a benchmark is of one device", "--device", "name one of them", ""};

@@ -1,5 +1,6 @@
 #include "tools/command_render.h"
 
+#include "backends/program_cache.h"
 #include "backends/self_test.h"
 #include "common/rt_contract.h"
 #include "render/image_file.h"
@@ -17,6 +18,7 @@
 
 #include <cstdio>
 #include <filesystem>
+#include <future>
 #include <utility>
 
 #include <unistd.h>
@@ -148,8 +150,7 @@ private:
 	Status open_devices()
 	{
 		times_.begin("enumerate");
-		const Enumeration found = enumerate_all();
-		RT_TRY_ASSIGN(const std::vector<DeviceInfo> chosen, select_devices(options_.device, found));
+		RT_TRY_ASSIGN(const std::vector<DeviceInfo> chosen, find_devices(options_.device));
 		for (const DeviceInfo& info : chosen) {
 			times_.begin("open_device");
 			RT_TRY_ASSIGN(DeviceHandle device, open_device(info));
@@ -167,10 +168,24 @@ private:
 		return chosen.size() == 1 ? chosen[0].name : fmt::format("{} devices", chosen.size());
 	}
 
+	// On a device's first start its test and the scene's program both take a compiler's time: so the program is built
+	// during the test, by a handle of its own, and comes to the render through the cache. An error comes again there.
+	// It helps with NVRTC, which compiles two at once; PoCL does one after the other.
+	std::future<void> compile_ahead(const DeviceInfo& info) const
+	{
+		if (!cache_is_on() || (!options_.self_test_afresh && remembered_self_test(info, options_.precision)))
+			return {};
+		return std::async(std::launch::async, [info, spec = render_program(packed_, info, session_options())] {
+			if (const Result<DeviceHandle> device = open_device(info))
+				static_cast<void>((*device)->build(spec));
+		});
+	}
+
 	Status test(const DeviceHandle& device)
 	{
 		const DeviceInfo& info = device->info();
 		display_.status("testing " + describe(info));
+		const std::future<void> program = compile_ahead(info);
 		const Result<SelfTestReport> report = self_test(device, !options_.self_test_afresh, options_.precision);
 		if (!report) {
 			if (!options_.force_unverified)
@@ -216,6 +231,18 @@ private:
 		               "compare its image with that of a verified device before you trust it");
 	}
 
+	// What chooses the program.
+	SessionOptions session_options() const
+	{
+		SessionOptions session;
+		session.precision = options_.precision;
+		session.specialise = options_.specialise;
+		session.software_roots = software_roots_;
+		session.bvh = options_.bvh;
+		session.lanes = options_.lanes;
+		return session;
+	}
+
 	bool is_resumable() const
 	{
 		return !options_.error && (!options_.checkpoint.empty() || output_.format == ImageFormat::RtFilm);
@@ -230,11 +257,7 @@ private:
 		passes.error = options_.error;
 		passes.seconds = options_.time_limit;
 		passes.checkpoint_seconds = options_.checkpoint_seconds;
-		passes.session.precision = options_.precision;
-		passes.session.specialise = options_.specialise;
-		passes.session.software_roots = software_roots_;
-		passes.session.bvh = options_.bvh;
-		passes.session.lanes = options_.lanes;
+		passes.session = session_options();
 		passes.session.stop = &stop_requested();
 		passes.session.status = [this](const std::string& text) { display_.status(text); };
 		passes.session.snapshot_wanted = take_snapshot_request;

@@ -351,7 +351,7 @@ Result<int> run(int argc, char** argv)
 		print_result(wanted.help ? usage : list_functions());
 		return 0;
 	}
-	RT_TRY_ASSIGN(const std::vector<DeviceInfo> chosen, select_devices(wanted.device, enumerate_all()));
+	RT_TRY_ASSIGN(const std::vector<DeviceInfo> chosen, find_devices(wanted.device));
 	if (chosen.size() != 1)
 		return Error{ErrorKind::Usage, "one device at a time", "--device", "name one", ""};
 	RT_TRY_ASSIGN(DeviceHandle device, open_device(chosen.front()));

@@ -12,6 +12,7 @@
 // tests/test_feature_text.cpp holds.
 #include "backends/program_cache.h"
 #include "common/rt_features.h"
+#include "render/bvh.h"
 #include "render/scene_file.h"
 #include "render/session.h"
 #include "support/clock.h"
@@ -120,7 +121,7 @@ std::vector<Candidate> candidates_for(std::uint32_t features)
 		one.name = fmt::format("  and {}", name);
 		one.features = bit; // with what it needs (common/rt_features.h)
 		if (bit == RT_FEATURE_BVH)
-			one.features |= RT_FEATURE_PERMUTED;
+			one.features |= bvh_features;
 		if (bit == RT_FEATURE_LIGHTS)
 			one.features |= RT_FEATURE_LAMBERTIAN | RT_FEATURE_EMISSION;
 		all.push_back(std::move(one));
@@ -155,8 +156,7 @@ public:
 		SessionOptions options;
 		const std::uint32_t lanes = lanes_for(device_->info(), options.precision);
 		has_tree_ = wants_bvh(packed_, lanes, options.bvh);
-		std::vector<Candidate> all =
-		    candidates_for(packed_.features | (has_tree_ ? RT_FEATURE_BVH | RT_FEATURE_PERMUTED : 0u));
+		std::vector<Candidate> all = candidates_for(packed_.features | (has_tree_ ? bvh_features : 0u));
 		for (Candidate& candidate : all)
 			RT_TRY(build(name, candidate));
 		for (std::uint32_t round = 0; round < wanted_.rounds; ++round)
@@ -223,7 +223,7 @@ private:
 			return success();
 		PackedScene packed = packed_for(candidate);
 		if (has_tree_)
-			packed.features |= RT_FEATURE_BVH | RT_FEATURE_PERMUTED;
+			packed.features |= bvh_features;
 		RT_TRY_ASSIGN(candidate.ptxas,
 		              ptxas_use(*nvrtc.value(), render_program(packed, imagined_gpu(), options_of(candidate, 1)),
 		                        wanted_.capability));

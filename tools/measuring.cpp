@@ -67,7 +67,7 @@ Status read_measuring_options(int argc, char** argv, const char* program, const 
 
 Result<MeasuredDevice> open_measured_device(const DeviceRequest& request)
 {
-	RT_TRY_ASSIGN(const std::vector<DeviceInfo> chosen, select_devices(request, enumerate_all()));
+	RT_TRY_ASSIGN(const std::vector<DeviceInfo> chosen, find_devices(request));
 	RT_TRY_ASSIGN(DeviceHandle device, open_device(chosen.front()));
 	RT_TRY_ASSIGN(const SelfTestReport tested, self_test(device));
 	if (!tested.passed)

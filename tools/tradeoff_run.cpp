@@ -137,8 +137,7 @@ public:
 	Result<Tradeoff> plan()
 	{
 		RT_TRY(read_scene());
-		const Enumeration found = enumerate_all();
-		RT_TRY_ASSIGN(measured_.devices, select_devices(options_.render.device, found));
+		RT_TRY_ASSIGN(measured_.devices, find_devices(options_.render.device));
 		return std::move(measured_);
 	}
 

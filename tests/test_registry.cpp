@@ -223,3 +223,22 @@ TEST_CASE("the machine's own devices")
 	unknown.backend = "metal";
 	CHECK_FALSE(rt::open_device(unknown));
 }
+
+TEST_CASE("devices are the same whoever is asked for them")
+{
+	const rt::Enumeration found = rt::enumerate_all();
+	const auto told = [](const rt::Result<std::vector<rt::DeviceInfo>>& devices) {
+		std::string text;
+		if (!devices)
+			return devices.error().message + devices.error().where + devices.error().cure;
+		for (const rt::DeviceInfo& info : *devices)
+			text += info.backend + ":" + std::to_string(info.index_in_backend) + ":" + info.name + "\n";
+		return text;
+	};
+	for (const char* backend : {"auto", "cuda", "opencl", "reference", "metal"})
+		for (const char* device : {"", "0", "77", "no such device"}) {
+			INFO(backend << ", " << device);
+			const rt::DeviceRequest request{backend, device};
+			CHECK(told(rt::find_devices(request)) == told(rt::select_devices(request, found)));
+		}
+}

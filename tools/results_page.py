@@ -1,5 +1,6 @@
 """What the scripts have in common that measure, or make a page of docs/ and its plots from a file of results."""
 
+import array
 import datetime
 import json
 import os
@@ -33,6 +34,24 @@ def fresh_process(start, command, limit, folder):
     result = folder / "fresh.json"
     done = start([sys.executable, TOOLS / "peers/fresh_process.py", result, limit, *command])
     return done, json.loads(result.read_text())
+
+
+def read_pfm(path):
+    """Floats of a little-endian RGB PFM, rows from the bottom."""
+    with open(path, "rb") as file:
+        if file.readline().strip() != b"PF":
+            raise ValueError(f"{path} is no colour PFM")
+        file.readline(), file.readline()
+        return floats_of(file.read())
+
+
+def floats_of(data):
+    """Of little-endian bytes."""
+    values = array.array("f")
+    values.frombytes(data)
+    if sys.byteorder == "big":
+        values.byteswap()
+    return values
 
 
 def film_seconds(phases, which):

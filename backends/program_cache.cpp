@@ -12,9 +12,12 @@
 #include <algorithm>
 #include <atomic>
 #include <cerrno>
+#include <condition_variable>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <mutex>
+#include <set>
 
 extern char** environ;
 
@@ -96,6 +99,18 @@ bool write_all(int file, const void* data, std::size_t bytes)
 	return true;
 }
 
+struct Turns {
+	std::mutex mutex;
+	std::condition_variable ended;
+	std::set<std::string> taken; // the files that threads are making
+};
+
+Turns& turns()
+{
+	static Turns shared;
+	return shared;
+}
+
 } // namespace
 
 bool cache_is_on() { return !cache_directory().empty(); }
@@ -148,6 +163,23 @@ void cache_store(const CacheKey& key, const std::vector<std::uint8_t>& payload)
 	done = close(file) == 0 && done;
 	if (!done || std::rename(temporary.c_str(), path.c_str()) != 0)
 		unlink(temporary.c_str());
+}
+
+CacheTurn::CacheTurn(const CacheKey& key) : path_(cache_path(key))
+{
+	if (path_.empty())
+		return;
+	std::unique_lock<std::mutex> lock(turns().mutex);
+	turns().ended.wait(lock, [this] { return turns().taken.insert(path_).second; });
+}
+
+CacheTurn::~CacheTurn()
+{
+	if (path_.empty())
+		return;
+	const std::lock_guard<std::mutex> lock(turns().mutex);
+	turns().taken.erase(path_);
+	turns().ended.notify_all();
 }
 
 bool changes_code(std::string_view name)

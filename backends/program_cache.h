@@ -34,6 +34,19 @@ void cache_store(const CacheKey& key, const std::vector<std::uint8_t>& payload);
 
 bool cache_is_on();
 
+// Held from before an entry is looked up until it is stored: of this process's threads that want the same one, the
+// first makes it and the others find it. Nobody waits for another key's, nor with the cache off.
+class CacheTurn {
+public:
+	explicit CacheTurn(const CacheKey& key);
+	CacheTurn(const CacheTurn&) = delete;
+	CacheTurn& operator=(const CacheTurn&) = delete;
+	~CacheTurn();
+
+private:
+	std::string path_;
+};
+
 // The file that holds a key's entry (whether or not it is there); empty when the cache is off.
 std::string cache_path(const CacheKey& key);
 

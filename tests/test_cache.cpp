@@ -9,9 +9,12 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <atomic>
+#include <chrono>
 #include <cstdint>
 #include <cstdlib>
 #include <cstring>
+#include <future>
 #include <optional>
 #include <string>
 #include <thread>
@@ -195,6 +198,50 @@ TEST_CASE("a damaged entry counts as absent and is replaced")
 	const auto loaded = rt::cache_load(key);
 	REQUIRE(loaded);
 	REQUIRE(*loaded == payload);
+}
+
+TEST_CASE("of threads that want the same entry one makes it; nobody waits for another entry's")
+{
+	TemporaryCache cache;
+	std::atomic<unsigned> made{0}, found{0};
+	const auto build = [&](const rt::CacheKey& wanted) {
+		const rt::CacheTurn turn(wanted);
+		if (rt::cache_load(wanted)) {
+			++found;
+			return;
+		}
+		++made;
+		rt::cache_store(wanted, payload_of(100));
+	};
+	{
+		std::vector<std::thread> threads;
+		for (unsigned i = 0; i < 8; ++i)
+			threads.emplace_back(build, key);
+		for (std::thread& thread : threads)
+			thread.join();
+	}
+	REQUIRE(made == 1);
+	REQUIRE(found == 7);
+
+	rt::CacheKey other = key;
+	other.options += " -DOTHER";
+	std::future<void> waiting, free;
+	{
+		const rt::CacheTurn turn(key);
+		waiting = std::async(std::launch::async, build, key);
+		free = std::async(std::launch::async, build, other);
+		CHECK(free.wait_for(std::chrono::minutes(1)) == std::future_status::ready);
+		CHECK(found == 7); // the other thread that wants this one has not even looked
+	}
+	waiting.get();
+	free.get();
+	REQUIRE(made == 2);
+	REQUIRE(found == 8);
+
+	cache.environment().set("RT_CACHE", "off"); // there is nothing to be found: turns would only be slower
+	const rt::CacheTurn turn(key);
+	free = std::async(std::launch::async, build, key);
+	CHECK(free.wait_for(std::chrono::minutes(1)) == std::future_status::ready);
 }
 
 TEST_CASE("a cache that cannot be written is no error")

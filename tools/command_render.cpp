@@ -170,7 +170,8 @@ private:
 
 	// On a device's first start its test and the scene's program both take a compiler's time: so the program is built
 	// during the test, by a handle of its own, and comes to the render through the cache. An error comes again there.
-	// It helps with NVRTC, which compiles two at once; PoCL does one after the other.
+	// It helps with NVRTC, which compiles two at once; PoCL does one after the other. Nobody waits for it but who builds
+	// the same program: if the test is over first, a tree can be built.
 	std::future<void> compile_ahead(const DeviceInfo& info) const
 	{
 		if (!cache_is_on() || (!options_.self_test_afresh && remembered_self_test(info, options_.precision)))
@@ -185,7 +186,7 @@ private:
 	{
 		const DeviceInfo& info = device->info();
 		display_.status("testing " + describe(info));
-		const std::future<void> program = compile_ahead(info);
+		ahead_.push_back(compile_ahead(info));
 		const Result<SelfTestReport> report = self_test(device, !options_.self_test_afresh, options_.precision);
 		if (!report) {
 			if (!options_.force_unverified)
@@ -495,6 +496,7 @@ private:
 	FilmOrigin origin_;
 	PackedScene packed_;
 	bool software_roots_ = false;
+	std::vector<std::future<void>> ahead_; // programs being compiled
 	std::vector<nlohmann::ordered_json> frames_;
 };
 

@@ -12,7 +12,6 @@
 #include <chrono>
 #include <cstring>
 #include <map>
-#include <mutex>
 
 namespace rt {
 
@@ -307,9 +306,7 @@ Status CudaDevice::build_compiled(const ProgramSpec& spec, CudaProgram& program)
 		report.options += " " + option;
 	CacheKey key{"cuda", info_.platform, info_.name, info_.driver, nvrtc_->version(), report.options, std::move(text)};
 
-	// One build at a time in the process: of several equal GPUs the first compiles and the others read the cache.
-	static std::mutex building;
-	const std::lock_guard<std::mutex> lock(building);
+	const CacheTurn turn(key); // of several equal GPUs one compiles
 	if (const auto cached = cache_load(key); cached && !cached->empty() && program.load(cached->data(), spec.entries)) {
 		report.from_cache = true;
 		return success();

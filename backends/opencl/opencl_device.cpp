@@ -378,9 +378,10 @@ private:
 	Result<OpenClProgramHandle> build_text(const std::string& text, const std::vector<std::string>& entries,
 	                                       const std::string& options)
 	{
+		const CacheKey key{"opencl", info_.platform, info_.name, info_.driver, cache_environment(), options, text};
+		const CacheTurn turn(key); // of several equal devices one compiles
 		if (record_.driver_caches_code)
 			return from_source(text, entries, options);
-		const CacheKey key{"opencl", info_.platform, info_.name, info_.driver, cache_environment(), options, text};
 		if (const auto binary = cache_load(key))
 			if (OpenClProgramHandle program = from_binary(*binary, text, entries, options))
 				return program;

@@ -2,6 +2,7 @@
 
 #include "common/rt_features.h"
 #include "render/lights.h"
+#include "support/pages.h"
 #include "support/thread_pool.h"
 
 #include <algorithm>
@@ -31,14 +32,15 @@ struct Box {
 	alignas(16) std::array<float, 4> low{HUGE_VALF, HUGE_VALF, HUGE_VALF, HUGE_VALF};
 	alignas(16) std::array<float, 4> high{-HUGE_VALF, -HUGE_VALF, -HUGE_VALF, -HUGE_VALF};
 
-	void add(const Item& item)
+	void add(const std::array<float, 3>& point, float radius = 0)
 	{
-		const std::array<float, 4> center = {item.center[0], item.center[1], item.center[2], 0};
+		const std::array<float, 4> center = {point[0], point[1], point[2], 0};
 		for (Axis a = 0; a < 4; ++a) {
-			low[a] = std::min(low[a], center[a] - item.radius);
-			high[a] = std::max(high[a], center[a] + item.radius);
+			low[a] = std::min(low[a], center[a] - radius);
+			high[a] = std::max(high[a], center[a] + radius);
 		}
 	}
+	void add(const Item& item) { add(item.center, item.radius); }
 	void add(const Box& other)
 	{
 		for (Axis a = 0; a < 4; ++a) {
@@ -46,11 +48,12 @@ struct Box {
 			high[a] = std::max(high[a], other.high[a]);
 		}
 	}
-	// Half the surface area; 0 where the box is empty.
-	float half_area() const
+	// Half the surface area; 0 where the box is empty. Its products are exact, as are those of an area and a small
+	// number: in double a compiler may fuse them with sums or not, and std::fma is a call on many a machine.
+	double half_area() const
 	{
-		const float x = high[0] - low[0], y = high[1] - low[1], z = high[2] - low[2];
-		return x >= 0 ? std::fma(x, y, std::fma(y, z, z * x)) : 0.0f;
+		const auto x = double(high[0] - low[0]), y = double(high[1] - low[1]), z = double(high[2] - low[2]);
+		return x >= 0 ? double(static_cast<float>(x * y + y * z + z * x)) : 0.0;
 	}
 };
 
@@ -65,7 +68,7 @@ constexpr std::size_t min_parallel_items = 4096;
 // Spheres of a leaf that one lane tests in turn, at most, and what visiting a node costs it in such tests; as measured
 // on a GPU (docs/performance.md, Steps).
 constexpr std::uint32_t max_leaf_in_turn = 8;
-constexpr float node_cost_in_turn = 3.0f;
+constexpr double node_cost_in_turn = 3;
 
 struct Range {
 	std::size_t begin = 0, end = 0;
@@ -74,9 +77,20 @@ struct Range {
 	std::size_t size() const { return end - begin; }
 };
 
+// A part of a range that one thread cuts: what goes left comes to lie before its middle.
+struct Piece {
+	std::size_t begin = 0, middle = 0, end = 0;
+};
+
 struct Bin {
 	Box box;
 	std::size_t count = 0;
+
+	void add(const Bin& other)
+	{
+		box.add(other.box);
+		count += other.count;
+	}
 };
 
 struct Cut {
@@ -84,7 +98,7 @@ struct Cut {
 	std::size_t bin = 0; // items of the bins up to this one go left
 	float low = 0, scale = 0;
 	bool found = false;
-	float cost = 0; // of both sides, in areas times tests
+	double cost = 0; // of both sides, in areas times tests
 	Box left, right;
 };
 
@@ -96,33 +110,85 @@ std::size_t bin_of(float center, float low, float scale)
 struct Shape {
 	std::uint32_t width = 4; // children of a node
 	std::uint32_t leaf = 4;  // spheres of a leaf, at most
-	float node_cost = 1;     // of a visit, in tests
+	double node_cost = 1;    // of a visit, in tests
 	bool blocks = false;     // spheres of a leaf cost one test together
 
-	float cost(std::size_t spheres) const
+	double cost(std::size_t spheres) const
 	{
 		const std::size_t tests = blocks ? (spheres + leaf - 1) / leaf : spheres;
-		return static_cast<float>(tests);
+		return static_cast<double>(tests);
 	}
 };
 
-// Bins along all three axes. Merging is exact, so the order in which pieces are merged does not matter.
+// Bins along all three axes.
 struct Bins {
 	std::array<std::array<Bin, bin_count>, 3> bins;
 	void add(const Bins& other)
 	{
 		for (Axis a = 0; a < 3; ++a)
-			for (std::size_t b = 0; b < bin_count; ++b) {
-				bins[a][b].box.add(other.bins[a][b].box);
-				bins[a][b].count += other.bins[a][b].count;
-			}
+			for (std::size_t b = 0; b < bin_count; ++b)
+				bins[a][b].add(other.bins[a][b]);
 	}
 };
+
+// add(sum, index) for each number of [begin, end) by all threads, and their sums added up. Merging must be exact: then
+// it does not matter who took what.
+template <class Sum, class Add>
+Sum merged_by_all(std::size_t begin, std::size_t end, const Add& add)
+{
+	Sum all;
+	std::mutex mutex;
+	parallel_for(end - begin, min_parallel_items, [&](std::uint64_t first, std::uint64_t last) {
+		Sum sum;
+		for (std::uint64_t i = first; i < last; ++i)
+			add(sum, begin + i);
+		const std::lock_guard<std::mutex> lock(mutex);
+		all.add(sum);
+	});
+	return all;
+}
+
+// The middle of the box of all centres: so small scenes far from the camera keep their digits.
+std::array<float, 3> center_of(const PackedScene& packed)
+{
+	const Box box = merged_by_all<Box>(packed.wide.size(), packed.spheres.size(), [&](Box& sum, std::size_t i) {
+		const rt_sphere& sphere = packed.spheres[i];
+		sum.add(std::array<float, 3>{sphere.cx, sphere.cy, sphere.cz});
+	});
+	std::array<float, 3> center{};
+	for (Axis a = 0; a < 3; ++a)
+		center[a] = static_cast<float>((double(box.low[a]) + double(box.high[a])) / 2);
+	return center;
+}
+
+struct Extent {
+	float value = 0;
+	void add(const Extent& other) { value = std::max(value, other.value); }
+};
+
+// *extent: how far from the centre along an axis they reach.
+std::vector<Item> items_of(const PackedScene& packed, const std::array<float, 3>& center, float* extent)
+{
+	const std::size_t wide = packed.wide.size();
+	std::vector<Item> items;
+	reserve_pages(items, packed.spheres.size() - wide);
+	items.resize(packed.spheres.size() - wide);
+	*extent = merged_by_all<Extent>(0, items.size(), [&](Extent& sum, std::size_t i) {
+		          const rt_sphere& s = packed.spheres[wide + i];
+		          items[i] = {{s.cx - center[0], s.cy - center[1], s.cz - center[2]},
+		                      s.radius,
+		                      static_cast<std::uint32_t>(wide + i)};
+		          for (const float c : items[i].center)
+			          sum.value = std::max(sum.value, std::fabs(c) + s.radius);
+	          }).value;
+	return items;
+}
 
 // A part of the tree, in the rows of common/rt_structs.h. Links to nodes and blocks count from the part's own first.
 struct Part {
 	std::vector<rt_row4> nodes, blocks;
 	std::uint32_t stack = 0; // of a walk through it
+	double area = 0;         // of the whole tree's box
 	double visited_area = 0, tested_area = 0;
 };
 
@@ -160,7 +226,7 @@ float& element(std::vector<rt_row4>& rows, std::size_t first_row, std::size_t in
 void fill_blocks(Part& tree, const PackedScene& packed, std::size_t width)
 {
 	const std::size_t rows = RT_BVH_BLOCK_ROWS(width), vector_rows = width / 4;
-	for (std::size_t row = 0; row < tree.blocks.size(); row += rows) {
+	const auto fill = [&](std::size_t row) {
 		const std::uint32_t first = to_bits(tree.blocks[row].a), count = to_bits(tree.blocks[row].b);
 		for (std::size_t k = 0; k < width; ++k) {
 			rt_sphere sphere{0, 0, 0, std::numeric_limits<float>::quiet_NaN()};
@@ -171,7 +237,11 @@ void fill_blocks(Part& tree, const PackedScene& packed, std::size_t width)
 			element(tree.blocks, row + 1 + 2 * vector_rows, k) = sphere.cz;
 			element(tree.blocks, row + 1 + 3 * vector_rows, k) = sphere.radius;
 		}
-	}
+	};
+	parallel_for(tree.blocks.size() / rows, min_parallel_items / width, [&](std::uint64_t begin, std::uint64_t end) {
+		for (std::uint64_t block = begin; block < end; ++block)
+			fill(block * rows);
+	});
 }
 
 class Builder {
@@ -188,10 +258,9 @@ public:
 	// The whole tree; *root is a link to it. Leaves out nothing: every item is in one leaf.
 	Part build(std::uint32_t* root)
 	{
-		Range all{0, items_.size(), {}, 0};
-		for (const Item& item : items_)
-			all.box.add(item);
+		const Range all{0, items_.size(), box_of(0, items_.size()), 0};
 		Part top;
+		top.area = all.box.half_area();
 		std::vector<Range> deferred;
 		*root = add(top, all, &deferred);
 		std::vector<Part> parts(deferred.size());
@@ -211,7 +280,8 @@ public:
 			node_total += part.nodes.size();
 			block_total += part.blocks.size();
 		}
-		top.nodes.reserve(node_total);
+		// Their pages come as each part's go. Blocks will be put behind the nodes (with_bvh).
+		top.nodes.reserve(node_total + block_total);
 		top.blocks.reserve(block_total);
 		// Links to deferred parts are numbered from deferred_link; now it is known where each begins.
 		std::vector<std::uint32_t> links(deferred.size());
@@ -273,7 +343,7 @@ private:
 		const std::size_t first_row = part.nodes.size();
 		const auto number = static_cast<std::uint32_t>(first_row / RT_BVH_NODE_ROWS(width));
 		part.nodes.resize(first_row + RT_BVH_NODE_ROWS(width));
-		part.visited_area += static_cast<double>(range.box.half_area());
+		part.visited_area += range.box.half_area();
 		std::uint32_t stack = 0;
 		for (std::size_t k = 0; k < width; ++k) {
 			// A box that nothing meets, and whose planes overflow nowhere.
@@ -302,7 +372,7 @@ private:
 		part.stack = 1;
 		const auto first = static_cast<std::uint32_t>(range.begin) + first_stored_;
 		const auto count = static_cast<std::uint32_t>(range.size());
-		part.tested_area += static_cast<double>(range.box.half_area()) * static_cast<double>(shape_.cost(count));
+		part.tested_area += range.box.half_area() * shape_.cost(count);
 		if (!shape_.blocks)
 			return RT_BVH_LEAF | (count - 1) << RT_BVH_COUNT_SHIFT | first;
 		const std::size_t row = part.blocks.size(), width = shape_.width;
@@ -348,13 +418,10 @@ private:
 		const Box centers = center_bounds(range);
 		const Cut best = range.depth < sah_depth_ ? best_cut(range, centers) : Cut{};
 		if (best.found) {
-			const float area = range.box.half_area();
-			if (fits && std::fma(shape_.node_cost, area, best.cost) >= shape_.cost(range.size()) * area)
+			const double area = range.box.half_area();
+			if (fits && shape_.node_cost * area + best.cost >= shape_.cost(range.size()) * area)
 				return false;
-			const auto middle = std::partition(at(range.begin), at(range.end), [&](const Item& item) {
-				return bin_of(item.center[best.axis], best.low, best.scale) <= best.bin;
-			});
-			const auto position = static_cast<std::size_t>(middle - items_.begin());
+			const std::size_t position = partition(range, best);
 			left = {range.begin, position, best.left, range.depth + 1};
 			right = {position, range.end, best.right, range.depth + 1};
 			return true;
@@ -365,35 +432,64 @@ private:
 		return true;
 	}
 
+	// Moves the items that go left before the others and returns where the others begin. Pieces are of one size whoever
+	// does them, so that the order is one.
+	std::size_t partition(const Range& range, const Cut& by)
+	{
+		const auto cut_piece = [&](std::size_t begin, std::size_t end) {
+			const auto middle = std::partition(at(begin), at(end), [&](const Item& item) {
+				return bin_of(item.center[by.axis], by.low, by.scale) <= by.bin;
+			});
+			return static_cast<std::size_t>(middle - items_.begin());
+		};
+		if (range.size() <= shared_size_)
+			return cut_piece(range.begin, range.end);
+
+		std::vector<Piece> pieces;
+		for (std::size_t begin = range.begin; begin < range.end; begin += min_parallel_items)
+			pieces.push_back({begin, begin, std::min(begin + min_parallel_items, range.end)});
+		parallel_for(pieces.size(), 1, [&](std::uint64_t first, std::uint64_t last) {
+			for (std::uint64_t i = first; i < last; ++i)
+				pieces[i].middle = cut_piece(pieces[i].begin, pieces[i].end);
+		});
+		std::size_t middle = range.begin;
+		for (const Piece& piece : pieces)
+			middle += piece.middle - piece.begin;
+
+		// As many lie left of the middle that should not as right of it: they change places, run by run.
+		auto from = pieces.begin(), to = pieces.begin();
+		std::size_t wrong_left = from->middle, wrong_right = middle;
+		for (;;) {
+			while (from != pieces.end() && wrong_left >= std::min(from->end, middle))
+				wrong_left = ++from == pieces.end() ? middle : from->middle;
+			if (wrong_left >= middle)
+				return middle;
+			while (wrong_right >= std::max(to->middle, middle))
+				wrong_right = std::max((++to)->begin, middle);
+			const std::size_t run = std::min(std::min(from->end, middle) - wrong_left, to->middle - wrong_right);
+			std::swap_ranges(at(wrong_left), at(wrong_left + run), at(wrong_right));
+			wrong_left += run;
+			wrong_right += run;
+		}
+	}
+
 	std::vector<Item>::iterator at(std::size_t index) { return items_.begin() + static_cast<std::ptrdiff_t>(index); }
 
 	Box center_bounds(const Range& range) const
 	{
-		Box all;
-		in_pieces(range, [&](std::size_t begin, std::size_t end, std::mutex& mutex) {
-			Box box;
-			for (std::size_t i = begin; i < end; ++i)
-				for (Axis a = 0; a < 3; ++a) {
-					box.low[a] = std::min(box.low[a], items_[i].center[a]);
-					box.high[a] = std::max(box.high[a], items_[i].center[a]);
-				}
-			const std::lock_guard<std::mutex> lock(mutex);
-			all.add(box);
-		});
-		return all;
+		return merged<Box>(range.begin, range.end, [&](Box& box, std::size_t i) { box.add(items_[i].center); });
 	}
 
-	template <class Body>
-	void in_pieces(const Range& range, const Body& body) const
+	// add(sum, index) for each of the items, by one thread or several, and the sums added up.
+	template <class Sum, class Add>
+	Sum merged(std::size_t begin, std::size_t end, const Add& add) const
 	{
-		std::mutex mutex;
-		if (range.size() <= shared_size_) {
-			body(range.begin, range.end, mutex);
-			return;
-		}
-		parallel_for(range.size(), min_parallel_items, [&](std::uint64_t begin, std::uint64_t end) {
-			body(range.begin + begin, range.begin + end, mutex);
-		});
+		if (end - begin > shared_size_)
+			return merged_by_all<Sum>(begin, end, add);
+		Sum sum;
+		for (std::size_t i = begin; i < end; ++i)
+			add(sum, i);
+		return sum;
 	}
 
 	Cut best_cut(const Range& range, const Box& centers) const
@@ -406,39 +502,35 @@ private:
 			if (!std::isfinite(scale[a]))
 				scale[a] = 0;
 		}
-		Bins all;
-		in_pieces(range, [&](std::size_t begin, std::size_t end, std::mutex& mutex) {
-			Bins mine;
-			for (std::size_t i = begin; i < end; ++i)
-				for (Axis a = 0; a < 3; ++a) {
-					Bin& bin = mine.bins[a][bin_of(items_[i].center[a], centers.low[a], scale[a])];
-					bin.box.add(items_[i]);
-					++bin.count;
-				}
-			const std::lock_guard<std::mutex> lock(mutex);
-			all.add(mine);
+		const Bins all = merged<Bins>(range.begin, range.end, [&](Bins& sum, std::size_t i) {
+			for (Axis a = 0; a < 3; ++a) {
+				Bin& bin = sum.bins[a][bin_of(items_[i].center[a], centers.low[a], scale[a])];
+				bin.box.add(items_[i]);
+				++bin.count;
+			}
 		});
 		Cut best;
 		for (Axis a = 0; a < 3; ++a) {
 			if (scale[a] == 0)
 				continue;
 			const std::array<Bin, bin_count>& bins = all.bins[a];
-			std::array<Bin, bin_count> right;
+			std::array<Bin, bin_count> rights; // of a cut behind each bin
 			for (std::size_t b = bin_count - 1; b-- > 0;) {
-				right[b] = right[b + 1];
-				right[b].box.add(bins[b + 1].box);
-				right[b].count += bins[b + 1].count;
+				rights[b] = rights[b + 1];
+				rights[b].add(bins[b + 1]);
 			}
 			Bin left;
-			for (std::size_t b = 0; b + 1 < bin_count; ++b) {
-				left.box.add(bins[b].box);
-				left.count += bins[b].count;
-				if (!left.count || !right[b].count)
+			for (std::size_t b = 0; b < bin_count; ++b) {
+				if (!bins[b].count) // nothing, or the cut before it
 					continue;
-				const float cost = std::fma(left.box.half_area(), shape_.cost(left.count),
-				                            right[b].box.half_area() * shape_.cost(right[b].count));
+				left.add(bins[b]);
+				const Bin& right = rights[b];
+				if (!right.count)
+					break;
+				const double cost =
+				    left.box.half_area() * shape_.cost(left.count) + right.box.half_area() * shape_.cost(right.count);
 				if (!best.found || cost < best.cost)
-					best = {a, b, centers.low[a], scale[a], true, cost, left.box, right[b].box};
+					best = {a, b, centers.low[a], scale[a], true, cost, left.box, right.box};
 			}
 		}
 		return best;
@@ -461,10 +553,7 @@ private:
 
 	Box box_of(std::size_t begin, std::size_t end) const
 	{
-		Box box;
-		for (std::size_t i = begin; i < end; ++i)
-			box.add(items_[i]);
-		return box;
+		return merged<Box>(begin, end, [&](Box& box, std::size_t i) { box.add(items_[i]); });
 	}
 
 	std::vector<Item>& items_;
@@ -484,35 +573,14 @@ Result<PackedScene> with_bvh(const PackedScene& packed, std::uint32_t lanes, Bvh
 		if (count == 0)
 			return packed;
 
-		// The tree's centre: of the box of all centres, so that small scenes far from the camera keep their digits.
-		std::array<double, 3> low{HUGE_VAL, HUGE_VAL, HUGE_VAL}, high{-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
-		for (std::size_t i = wide; i < packed.spheres.size(); ++i) {
-			const rt_sphere& s = packed.spheres[i];
-			const std::array<double, 3> c = {double(s.cx), double(s.cy), double(s.cz)};
-			for (Axis a = 0; a < 3; ++a) {
-				low[a] = std::min(low[a], c[a]);
-				high[a] = std::max(high[a], c[a]);
-			}
-		}
-		std::array<float, 3> center{};
-		for (Axis a = 0; a < 3; ++a)
-			center[a] = static_cast<float>((low[a] + high[a]) / 2);
-		std::vector<Item> items(count);
+		const std::array<float, 3> center = center_of(packed);
 		float extent = 0;
-		for (std::size_t i = 0; i < count; ++i) {
-			const rt_sphere& s = packed.spheres[wide + i];
-			Item& item = items[i];
-			item = {
-			    {s.cx - center[0], s.cy - center[1], s.cz - center[2]}, s.radius, static_cast<std::uint32_t>(wide + i)};
-			for (const float c : item.center)
-				extent = std::max(extent, std::fabs(c) + s.radius);
-		}
-
+		std::vector<Item> items = items_of(packed, center, &extent);
 		Shape shape;
 		shape.width = RT_BVH_WIDTH(lanes);
 		shape.blocks = lanes > 1;
 		shape.leaf = shape.blocks ? lanes : max_leaf_in_turn;
-		shape.node_cost = shape.blocks ? 1.0f : node_cost_in_turn;
+		shape.node_cost = shape.blocks ? 1 : node_cost_in_turn;
 		std::uint32_t root = RT_BVH_NONE;
 		const auto first_stored = static_cast<std::uint32_t>(wide);
 		Part tree = Builder(items, shape, first_stored, sah_depth).build(&root);
@@ -520,18 +588,20 @@ Result<PackedScene> with_bvh(const PackedScene& packed, std::uint32_t lanes, Bvh
 		if (tree.stack > RT_BVH_STACK(lanes))
 			tree = Builder(items, shape, first_stored, 0).build(&root);
 
-		PackedScene out = packed; // not before the tree stands: there are enough copies in memory while it grows
-		Box all;
-		for (const Item& item : items)
-			all.add(item);
-		const auto root_area = static_cast<double>(all.half_area());
+		PackedScene out; // not before the tree stands: there are enough copies in memory while it grows
+		reserve_pages(out.spheres, packed.spheres.size());
+		reserve_pages(out.sphere_ids, packed.sphere_ids.size());
+		reserve_pages(out.sphere_materials, packed.sphere_materials.size());
+		out = packed;
 		// Store the spheres as the leaves want them.
-		for (std::size_t i = 0; i < count; ++i) {
-			const std::uint32_t source = items[i].source;
-			out.spheres[wide + i] = packed.spheres[source];
-			out.sphere_ids[wide + i] = packed.sphere_ids[source];
-			out.sphere_materials[wide + i] = packed.sphere_materials[source];
-		}
+		parallel_for(count, min_parallel_items, [&](std::uint64_t begin, std::uint64_t end) {
+			for (std::uint64_t i = begin; i < end; ++i) {
+				const std::uint32_t source = items[i].source;
+				out.spheres[wide + i] = packed.spheres[source];
+				out.sphere_ids[wide + i] = packed.sphere_ids[source];
+				out.sphere_materials[wide + i] = packed.sphere_materials[source];
+			}
+		});
 		follow_spheres(packed, out);
 		if (shape.blocks)
 			fill_blocks(tree, out, shape.width);
@@ -543,11 +613,10 @@ Result<PackedScene> with_bvh(const PackedScene& packed, std::uint32_t lanes, Bvh
 		out.scene.bvh_extent = extent;
 		std::vector<Item>().swap(items);
 		out.bvh = std::move(tree.nodes);
-		out.bvh.reserve(out.bvh.size() + tree.blocks.size());
 		out.bvh.insert(out.bvh.end(), tree.blocks.begin(), tree.blocks.end());
 		out.features |= bvh_features;
 		if (stats) {
-			const auto area = std::max(root_area, 1e-300);
+			const double area = std::max(tree.area, 1e-300);
 			stats->nodes = out.scene.bvh_blocks / RT_BVH_NODE_ROWS(shape.width);
 			stats->stack = tree.stack;
 			stats->node_visits = tree.visited_area / area;

@@ -3,6 +3,7 @@
 #include "render/scene.h"
 #include "render/scene_ranges.h"
 #include "support/memory.h"
+#include "support/pages.h"
 #include "support/thread_pool.h"
 
 #include <fmt/format.h>
@@ -97,6 +98,7 @@ Result<Scene> make_cloud(std::uint64_t count)
 		}
 
 		const double mean_radius = mean_radius_of_one * 4096 / static_cast<double>(cube_root_12_bits(count));
+		reserve_pages(scene.spheres, count);
 		scene.spheres.resize(count);
 		parallel_for(count, spheres_of_a_piece, [&](std::uint64_t begin, std::uint64_t end) {
 			for (std::uint64_t i = begin; i < end; ++i) {

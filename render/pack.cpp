@@ -4,6 +4,7 @@
 #include "common/rt_features.h"
 #include "render/lights.h"
 #include "support/float_environment.h"
+#include "support/pages.h"
 
 #include <algorithm>
 #include <cmath>
@@ -217,8 +218,9 @@ Status pack_spheres(const Scene& scene, PackedScene& out)
 
 	// Each (material, hollow) pair that a sphere uses becomes a packed material, in order of first use.
 	std::vector<std::int64_t> packed_material(scene.materials.size() * 2, -1);
-	out.spheres.reserve(scene.spheres.size());
-	out.sphere_materials.reserve(scene.spheres.size());
+	reserve_pages(out.spheres, scene.spheres.size());
+	reserve_pages(out.sphere_ids, scene.spheres.size());
+	reserve_pages(out.sphere_materials, scene.spheres.size());
 	for (const bool wide_pass : {true, false}) {
 		for (std::size_t i = 0; i < scene.spheres.size(); ++i) {
 			const Sphere& sphere = scene.spheres[i];

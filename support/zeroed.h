@@ -5,6 +5,8 @@
 // arrays ask for large pages, of which there are 512 times fewer to be touched. Its size stays as it was made.
 #pragma once
 
+#include "support/pages.h"
+
 #include <algorithm>
 #include <cstddef>
 #include <cstdlib>
@@ -15,13 +17,6 @@
 #include <type_traits>
 
 namespace rt {
-
-// Has large pages put where a whole one fits, if the system knows any; nothing but speed depends on it.
-void prefer_large_pages(void* memory, std::size_t bytes);
-
-// Has the system make the pages now, by several threads, if it can: what they hold stays as it is. For a time at which
-// the processor has nothing else to do.
-void populate_pages(void* memory, std::size_t bytes);
 
 template <class T>
 class Zeroed {

@@ -222,12 +222,13 @@ public:
 				const rt_sphere& s = packed_.spheres[i];
 				const rt_scene& scene = packed_.scene;
 				const float center[3] = {s.cx - scene.bvh_x, s.cy - scene.bvh_y, s.cz - scene.bvh_z};
+				bool inside = true;
 				for (const auto& box : enclosing)
-					for (std::size_t a = 0; a < 3; ++a) {
-						CHECK(box[2 * a] <= center[a] - s.radius);
-						CHECK(box[2 * a + 1] >= center[a] + s.radius);
-						CHECK(std::max(-box[2 * a], box[2 * a + 1]) <= scene.bvh_extent);
-					}
+					for (std::size_t a = 0; a < 3; ++a)
+						inside = inside && box[2 * a] <= center[a] - s.radius &&
+						         box[2 * a + 1] >= center[a] + s.radius &&
+						         std::max(-box[2 * a], box[2 * a + 1]) <= scene.bvh_extent;
+				CHECK(inside);
 			}
 			return;
 		}
@@ -255,27 +256,56 @@ private:
 	std::vector<float> words_;
 };
 
+void check_structure(const Set& set, std::uint32_t lanes)
+{
+	INFO(set.name << ", " << lanes << " lanes");
+	const PackedScene packed = pack(set.scene);
+	BvhStats stats;
+	const PackedScene tree = treed(packed, lanes, &stats);
+	const std::size_t listed = packed.spheres.size() - packed.wide.size();
+	Tree walk(tree, lanes);
+	if (listed == 0)
+		return;
+	walk.walk(tree.scene.bvh_root, {});
+	CHECK(walk.seen.size() == listed);
+	CHECK(walk.seen.count(static_cast<std::uint32_t>(packed.wide.size())) == 1);
+	CHECK(walk.nodes == stats.nodes);
+	CHECK(stats.stack <= RT_BVH_STACK(lanes));
+	CHECK(tree.bvh.size() * sizeof(rt_row4) <= bvh_bytes_needed(listed, lanes) + 512);
+	std::vector<std::uint32_t> ids = tree.sphere_ids;
+	std::sort(ids.begin(), ids.end());
+	CHECK(std::adjacent_find(ids.begin(), ids.end()) == ids.end());
+}
+
 } // namespace
 
 TEST_CASE("every sphere is in one leaf, inside every box on the way, and no walk overflows its stack")
 {
 	for (const Set& set : sphere_sets())
-		for (const std::uint32_t lanes : {1u, 4u, 8u, 16u}) {
-			INFO(set.name << ", " << lanes << " lanes");
-			const PackedScene packed = pack(set.scene);
-			BvhStats stats;
-			const PackedScene tree = treed(packed, lanes, &stats);
-			const std::size_t listed = packed.spheres.size() - packed.wide.size();
-			Tree walk(tree, lanes);
-			if (listed == 0)
-				continue;
-			walk.walk(tree.scene.bvh_root, {});
-			CHECK(walk.seen.size() == listed);
-			CHECK(walk.seen.count(static_cast<std::uint32_t>(packed.wide.size())) == 1);
-			CHECK(walk.nodes == stats.nodes);
-			CHECK(stats.stack <= RT_BVH_STACK(lanes));
-			CHECK(tree.bvh.size() * sizeof(rt_row4) <= bvh_bytes_needed(listed, lanes) + 512);
-		}
+		for (const std::uint32_t lanes : {1u, 4u, 8u, 16u})
+			check_structure(set, lanes);
+}
+
+TEST_CASE("so it is where ranges are cut by several threads, however the spheres are stored")
+{
+	Random random(2);
+	std::vector<Sphere> list;
+	for (std::uint32_t i = 0; i < 12000; ++i)
+		list.push_back(
+		    {{random.between(-3, 3), random.between(-1, 1), random.between(4, 5)}, random.between(0.001, 0.02), i % 4});
+	check_structure({"shuffled", scene_of(list)}, 1);
+	check_structure({"shuffled", scene_of(list)}, 8);
+	const auto by_x = [](const Sphere& a, const Sphere& b) { return a.center[0] < b.center[0]; };
+	std::sort(list.begin(), list.end(), by_x);
+	check_structure({"in order", scene_of(list)}, 8);
+	std::reverse(list.begin(), list.end());
+	check_structure({"in the opposite order", scene_of(list)}, 8);
+	std::rotate(list.begin(), list.begin() + 5000, list.end());
+	check_structure({"in two runs", scene_of(list)}, 1);
+	// Most of a piece goes one way and the next one's the other.
+	for (std::size_t i = 0; i < list.size(); ++i)
+		list[i].center[0] = i / 4096 % 2 == 0 ? 3 : -3;
+	check_structure({"piece by piece", scene_of(list)}, 8);
 }
 
 TEST_CASE("a tree changes no bit of a film, on any device, with any number of lanes")

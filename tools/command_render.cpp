@@ -170,8 +170,8 @@ private:
 
 	// On a device's first start its test and the scene's program both take a compiler's time: so the program is built
 	// during the test, by a handle of its own, and comes to the render through the cache. An error comes again there.
-	// It helps with NVRTC, which compiles two at once; PoCL does one after the other. Nobody waits for it but who builds
-	// the same program: if the test is over first, a tree can be built.
+	// It helps with NVRTC, which compiles two at once; PoCL does one after the other. Nobody waits for it but who
+	// builds the same program: if the test is over first, a tree can be built.
 	std::future<void> compile_ahead(const DeviceInfo& info) const
 	{
 		if (!cache_is_on() || (!options_.self_test_afresh && remembered_self_test(info, options_.precision)))

@@ -1,4 +1,4 @@
-#include "support/zeroed.h"
+#include "support/pages.h"
 
 #include "support/thread_pool.h"
 

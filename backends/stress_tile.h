@@ -1,4 +1,4 @@
-// stress_tile.h: a 32x32 image that uses every feature of the kernels, and the hash it must have.
+// stress_tile.h: a 32x32 image with every kind of surface and texture, and the hash it must have.
 #pragma once
 
 #include "backends/backend.h"

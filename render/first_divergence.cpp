@@ -305,9 +305,8 @@ private:
 			if (!pair.same())
 				result_.differing_depth = depth;
 		}
-		const std::uint32_t lanes = options_.lanes ? options_.lanes : judged_.device->info().native_lanes;
-		if (lanes > 1) {
-			SessionOptions session = session_options(judged_);
+		SessionOptions session = session_options(judged_);
+		if (render_lanes(packed_, judged_.device->info(), session) > 1) {
 			session.lanes = 1;
 			RT_TRY_ASSIGN(Tracer one_lane, Tracer::make(judged_.device, packed_, session));
 			RT_TRY_ASSIGN(const rt_film_pixel pixel, one_lane.render(*result_.launch));

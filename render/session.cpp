@@ -45,11 +45,14 @@ constexpr std::uint32_t max_slices = 32;
 // Spheres and boxes that a ray tries in a tree, roughly.
 constexpr std::size_t typical_visits = 64;
 constexpr std::uint32_t widest_lanes = 16;
+// Lanes of a program that walks a tree, at most: with 16 its nodes and leaves are as wide, and each ray tries more
+// boxes and spheres than the wider shading gains (docs/performance.md, Steps).
+constexpr std::uint32_t most_tree_lanes = 8;
 // From so many spheres on a tree is faster than trying them all (docs/performance.md, tools/bench_crossover): 8 to 20
-// with one lane on a processor, 20 to 32 with eight, 17 to 32 on a GPU. Programs with few spheres unrolled stay without
-// one.
+// with one lane on a processor, 20 to 32 with eight, 32 to 48 where they are tried with 16, 17 to 32 on a GPU. Programs
+// with few spheres unrolled stay without one.
 constexpr std::size_t min_bvh_spheres_one_lane = RT_MAX_FEW_SPHERES + 1;
-constexpr std::size_t min_bvh_spheres_lanes = 24;
+constexpr std::size_t min_bvh_spheres_lanes = 24, min_bvh_spheres_16_lanes = 40;
 
 // Bytes that a device's film may have; max_alloc_bytes: of its largest buffer, 0 if that is not known.
 std::uint64_t film_room(std::uint64_t max_alloc_bytes)
@@ -62,11 +65,6 @@ std::uint32_t page_rows(const PackedScene& packed, std::uint64_t max_alloc_bytes
 	const std::uint64_t row_bytes = std::uint64_t(packed.scene.window_width) * sizeof(rt_film_pixel);
 	const std::uint64_t rows = std::max<std::uint64_t>(1, film_room(max_alloc_bytes) / row_bytes);
 	return static_cast<std::uint32_t>(std::min<std::uint64_t>(rows, packed.scene.window_height));
-}
-
-std::uint32_t lanes_of(const DeviceInfo& device, const SessionOptions& options)
-{
-	return options.lanes ? options.lanes : lanes_for(device, options.precision);
 }
 
 // ---- the work of one page: parts of the window x samples, handed out in launches ----
@@ -257,7 +255,7 @@ public:
 			options.status("compiling the kernel for " + device_->info().name);
 		RT_TRY_ASSIGN(program_, device_->build(spec));
 		stats_.build = program_->report();
-		stats_.lanes = lanes_of(device_->info(), options);
+		stats_.lanes = render_lanes(packed, device_->info(), options);
 		stats_.native_roots = options.precision != Precision::Exact || !options.software_roots;
 
 		if (packed.spheres.size() <= RT_MAX_FEW_SPHERES) {
@@ -623,7 +621,7 @@ ProgramSpec render_program(const PackedScene& packed, const DeviceInfo& device, 
 	ProgramSpec spec;
 	spec.root = "kernels/render.cl";
 	spec.entries = {"rt_clear", "rt_merge", "rt_render", "rt_identify"};
-	const std::uint32_t lanes = lanes_of(device, options);
+	const std::uint32_t lanes = render_lanes(packed, device, options);
 	const std::uint32_t own = packed.features | (wants_bvh(packed, lanes, options.bvh) ? bvh_features : 0u);
 	const std::uint32_t features = options.specialise ? own : std::uint32_t(RT_FEATURE_ALL);
 	const bool permuted = (own & RT_FEATURE_PERMUTED) != 0;
@@ -648,7 +646,18 @@ bool wants_bvh(const PackedScene& packed, std::uint32_t lanes, Acceleration bvh)
 	if (bvh != Acceleration::Auto || !packed.bvh.empty())
 		return bvh == Acceleration::Always && packed.bvh.empty() && packed.spheres.size() > packed.wide.size();
 	const std::size_t listed = packed.spheres.size() - packed.wide.size();
-	return listed >= (lanes == 1 ? min_bvh_spheres_one_lane : min_bvh_spheres_lanes);
+	return listed >= (lanes == 1                 ? min_bvh_spheres_one_lane
+	                  : lanes <= most_tree_lanes ? min_bvh_spheres_lanes
+	                                             : min_bvh_spheres_16_lanes);
+}
+
+std::uint32_t render_lanes(const PackedScene& packed, const DeviceInfo& device, const SessionOptions& options)
+{
+	if (options.lanes)
+		return options.lanes;
+	const std::uint32_t own = lanes_for(device, options.precision);
+	const bool through_tree = !packed.bvh.empty() || wants_bvh(packed, own, options.bvh);
+	return through_tree ? std::min(own, most_tree_lanes) : own;
 }
 
 std::uint64_t device_bytes_needed(const PackedScene& packed)
@@ -731,7 +740,7 @@ Result<Session> Session::open(const PackedScene& packed, const std::vector<Devic
 	workers.reserve(devices.size());
 	std::uint64_t max_alloc = 0;
 	for (const DeviceHandle& device : devices) {
-		const std::uint32_t lanes = lanes_of(device->info(), options);
+		const std::uint32_t lanes = render_lanes(packed, device->info(), options);
 		if (wants_bvh(packed, lanes, options.bvh) && !trees.count(lanes)) {
 			if (options.status)
 				options.status(fmt::format("building a tree of {} spheres", packed.spheres.size()));
@@ -740,9 +749,9 @@ Result<Session> Session::open(const PackedScene& packed, const std::vector<Devic
 			state->bvh_seconds += seconds_since(start);
 		}
 		const auto tree = trees.find(lanes);
-		const bool last =
-		    std::none_of(devices.begin() + static_cast<std::ptrdiff_t>(workers.size()) + 1, devices.end(),
-		                 [&](const DeviceHandle& later) { return lanes_of(later->info(), options) == lanes; });
+		const bool last = std::none_of(
+		    devices.begin() + static_cast<std::ptrdiff_t>(workers.size()) + 1, devices.end(),
+		    [&](const DeviceHandle& later) { return render_lanes(packed, later->info(), options) == lanes; });
 		workers.emplace_back(device, tree == trees.end() ? packed : tree->second,
 		                     tree == trees.end() || !last ? nullptr : &tree->second, state->shared);
 		RT_TRY(workers.back().prepare());

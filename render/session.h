@@ -38,7 +38,7 @@ struct SessionOptions {
 	bool software_roots = false;    // our own square root and reciprocal even where the device's are proven
 	bool allow_contraction = false; // the compiler may fuse products and sums; it finds none (tests of rule 3)
 	Acceleration bvh = Acceleration::Auto; // Auto: where the device gains by it
-	std::uint32_t lanes = 0;               // 0: the device's native width (1 in the double rung)
+	std::uint32_t lanes = 0;               // 0: by device and scene (render_lanes)
 	std::uint32_t group_size = 0;          // 0: chosen by lanes and backend
 	std::uint32_t slices = 0;              // parts that a pixel's samples are taken in, side by side; 0: by the device
 	std::uint32_t rows_per_launch = 0;     // 0: chosen by time
@@ -80,6 +80,10 @@ std::uint64_t host_bytes_needed(const PackedScene& packed);
 
 // Does a device with so many lanes find the spheres of this scene through a tree?
 bool wants_bvh(const PackedScene& packed, std::uint32_t lanes, Acceleration bvh);
+
+// Paths that a work-item takes at once: the device's own number, 1 in the double rung, and fewer than 16 where spheres
+// are found through a tree.
+std::uint32_t render_lanes(const PackedScene& packed, const DeviceInfo& device, const SessionOptions& options);
 
 // A scene made ready on its devices, to be rendered into one film by as many calls as wanted: programs, lists and trees
 // stay. Its errors are those of render_scene(), which is the case of one call.

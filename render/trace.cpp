@@ -56,7 +56,7 @@ Result<Tracer> Tracer::make(DeviceHandle device, const PackedScene& packed, cons
 {
 	Tracer tracer;
 	tracer.device_ = std::move(device);
-	tracer.lanes_ = options.lanes ? options.lanes : tracer.info().native_lanes;
+	tracer.lanes_ = render_lanes(packed, tracer.info(), options);
 
 	const auto stored_for = [&packed, &options](std::uint32_t lanes) -> Result<PackedScene> {
 		if (wants_bvh(packed, lanes, options.bvh))

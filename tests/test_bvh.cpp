@@ -325,6 +325,40 @@ TEST_CASE("a tree changes no bit of a film, on any device, with any number of la
 	}
 }
 
+TEST_CASE("lanes are the device's own, and no more than eight through a tree")
+{
+	const auto cloud_of = [](std::uint32_t count) {
+		const Result<Scene> cloud = make_cloud(count);
+		REQUIRE(cloud);
+		return pack(*cloud);
+	};
+	const PackedScene few = cloud_of(20), some = cloud_of(32), many = cloud_of(100);
+	const auto lanes = [](const PackedScene& packed, std::uint32_t native, const SessionOptions& options) {
+		DeviceInfo device;
+		device.native_lanes = native;
+		return render_lanes(packed, device, options);
+	};
+	const SessionOptions plain;
+	for (const std::uint32_t native : {1u, 4u, 8u})
+		for (const PackedScene* packed : {&few, &some, &many})
+			CHECK(lanes(*packed, native, plain) == native);
+	CHECK(lanes(few, 16, plain) == 16);
+	CHECK(lanes(some, 16, plain) == 16); // tried one after the other, and through a tree only by fewer lanes
+	CHECK(wants_bvh(some, 8, Acceleration::Auto));
+	CHECK(lanes(many, 16, plain) == 8);
+	CHECK(lanes(treed(many, 8), 16, plain) == 8);
+	SessionOptions options;
+	options.bvh = Acceleration::Never;
+	CHECK(lanes(many, 16, options) == 16);
+	options.bvh = Acceleration::Always;
+	CHECK(lanes(few, 16, options) == 8);
+	options.lanes = 16;
+	CHECK(lanes(many, 8, options) == 16);
+	options = plain;
+	options.precision = Precision::Double;
+	CHECK(lanes(many, 16, options) == 1);
+}
+
 TEST_CASE("a tree whose boxes are too small changes the film")
 {
 	const PackedScene packed = pack(sphere_sets().front().scene);

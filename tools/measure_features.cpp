@@ -154,7 +154,7 @@ public:
 		RT_TRY_ASSIGN(packed_, pack_scene(scene, settings_, {0, 0, settings_.width, settings_.height}));
 		// What a session on this device would render.
 		SessionOptions options;
-		const std::uint32_t lanes = lanes_for(device_->info(), options.precision);
+		const std::uint32_t lanes = render_lanes(packed_, device_->info(), options);
 		has_tree_ = wants_bvh(packed_, lanes, options.bvh);
 		std::vector<Candidate> all = candidates_for(packed_.features | (has_tree_ ? bvh_features : 0u));
 		for (Candidate& candidate : all)

@@ -378,7 +378,7 @@ void add_device_options(CLI::App& app, RenderOptions& options, RawRender& raw)
 	    ->group("Device");
 	app.add_flag("--generic", raw.generic, "a kernel for all scenes, not for this one")->group("Device");
 	add("--bvh", raw.bvh, "auto|always|never", "find spheres through a tree (where it is faster)");
-	add("--lanes", raw.lanes, "N", "paths a work-item: 1, 4, 8 or 16 (the device's own)");
+	add("--lanes", raw.lanes, "N", "paths a work-item: 1, 4, 8 or 16 (by device and scene)");
 }
 
 void add_report_options(CLI::App& app, RenderOptions& options, RawRender& raw)
@@ -797,7 +797,7 @@ Result<CommandLine> parse_trace(std::vector<std::string> arguments)
 	add("--json", options.json, "FILE", "Comparison", "save the trace; with --against the one that differs");
 	add("--backend", options.render.device.backend, "NAME", "Device", "auto, cuda, opencl or reference (auto)");
 	add("-d,--device", options.render.device.device, "X", "Device", "index, part of a name, pci:... or uuid:...");
-	add("--lanes", raw.lanes, "N", "Device", "of the ordinary program (the device's own)");
+	add("--lanes", raw.lanes, "N", "Device", "of the ordinary program (by device and scene)");
 	app.add_flag("--generic", raw.generic, "a kernel for all scenes, not for this one")->group("Device");
 	app.add_flag("-q,--quiet", options.render.quiet, "no progress")->group("Progress");
 	app.add_flag("-v,--verbose", options.render.verbose, "how long each step took")->group("Progress");

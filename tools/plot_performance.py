@@ -568,7 +568,8 @@ def page(results):
              "The last command puts results into docs/performance.json and makes this page and its plots anew.",
              "`tools/count_instructions` is the part that CI runs: instructions of small renders, which do not depend",
              "on what else a machine does.", "", "## Targets", "",
-             "Where several processors were measured, the worst counts.", "", *verdicts(results), "", *parts_of_render(results)]
+             "Where several processors were measured, the worst counts.", "", *verdicts(results), "",
+             *parts_of_render(results)]
     if results["peers"]:
         lines += ["## Peers", "",
                   "Times are the least of some repeats, from a loaded scene to the film on the host. *First render*",

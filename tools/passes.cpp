@@ -18,21 +18,6 @@ std::uint64_t total_samples(const Film& film)
 	return std::accumulate(film.samples().begin(), film.samples().end(), std::uint64_t(0));
 }
 
-void add_stats(std::vector<DeviceStats>& sum, const std::vector<DeviceStats>& pass)
-{
-	if (sum.empty()) {
-		sum = pass;
-		return;
-	}
-	for (std::size_t i = 0; i < std::min(sum.size(), pass.size()); i++) {
-		sum[i].launches += pass[i].launches;
-		sum[i].samples += pass[i].samples;
-		sum[i].upload_seconds += pass[i].upload_seconds;
-		sum[i].launch_seconds += pass[i].launch_seconds;
-		sum[i].read_seconds += pass[i].read_seconds;
-	}
-}
-
 class Passes {
 public:
 	Passes(const PackedScene& packed, const std::vector<DeviceHandle>& devices, PassOptions options)
@@ -41,27 +26,31 @@ public:
 	{
 	}
 
+	// All passes in one session: programs, lists and trees are made once.
 	Result<PassResult> run()
 	{
-		if (options_.start) {
-			done_ = options_.start->min_samples();
-			result_.film = std::move(*options_.start);
-			options_.start.reset();
-			have_film_ = true;
+		if (options_.start)
+			done_ = before_ = options_.start->min_samples();
+		if (done_ >= options_.samples) {
+			result_.film = std::move(options_.start).value_or(Film());
+			return std::move(result_);
 		}
-		before_ = done_;
+		SessionOptions wanted = options_.session;
+		wanted.progress = [this](const Progress& progress) { tell_progress(progress); };
+		wanted.snapshot = [this](const Film& film) { show_snapshot(film); };
+		RT_TRY_ASSIGN(Session session, Session::open(packed_, devices_, wanted));
 		last_checkpoint_ = Clock::now();
 		while (done_ < options_.samples && !result_.interrupted) {
 			const std::uint32_t count = next_count();
 			if (count == 0) {
 				result_.timed_out = true;
 				options_.samples = done_;
-				RT_TRY(checkpoint());
-				break;
+			} else {
+				RT_TRY(run_pass(session, count));
 			}
-			RT_TRY(run_pass(count));
+			RT_TRY(checkpoint(session.film()));
 		}
-		return std::move(result_);
+		return finish(std::move(session).finish());
 	}
 
 	// All in one, where tiles stop at an error.
@@ -78,17 +67,11 @@ public:
 		adaptive.limit = options_.samples;
 		adaptive.seconds = options_.seconds;
 		RT_TRY_ASSIGN(AdaptiveResult rendered, render_adaptive(packed_, devices_, adaptive));
-		SessionResult& session = rendered.session;
-		result_.bvh_seconds = session.bvh_seconds;
-		result_.seconds = session.render_seconds;
-		result_.samples = total_samples(session.film);
-		result_.segments = session.film.segments;
-		result_.interrupted = session.interrupted;
+		result_.seconds = rendered.session.render_seconds;
+		result_.interrupted = rendered.session.interrupted;
 		result_.timed_out = rendered.report.timed_out;
-		result_.devices = std::move(session.devices);
-		result_.film = std::move(session.film);
 		result_.adaptive = std::move(rendered.report);
-		return std::move(result_);
+		return finish(std::move(rendered.session));
 	}
 
 private:
@@ -112,37 +95,36 @@ private:
 		return static_cast<std::uint32_t>(std::max(count, 0.0));
 	}
 
-	Status run_pass(std::uint32_t count)
+	Status run_pass(Session& session, std::uint32_t count)
 	{
-		SessionOptions session = options_.session;
-		session.first_sample = done_;
-		session.samples = count;
-		if (done_ > before_)
-			session.status = nullptr; // the kernel is compiled by now
-		session.progress = [this](const Progress& progress) { tell_progress(progress); };
-		session.snapshot = [this](const Film& film) { show_snapshot(film); };
-		RT_TRY_ASSIGN(SessionResult pass, render_scene(packed_, devices_, session));
-		result_.bvh_seconds += pass.bvh_seconds;
-		result_.seconds += pass.render_seconds;
-		result_.samples += total_samples(pass.film);
-		result_.segments += pass.film.segments;
-		result_.interrupted = pass.interrupted;
-		add_stats(result_.devices, pass.devices);
-		if (pass.interrupted && options_.resumable && done_ > 0)
-			result_.even = result_.film;
-		if (have_film_) {
-			RT_TRY(result_.film.add(pass.film));
-		} else {
-			result_.film = std::move(pass.film);
+		// What a stop would leave of this pass cannot be told from the passes before it.
+		std::optional<Film> even;
+		if (options_.resumable && done_ > 0) {
+			RT_TRY_ASSIGN(even, whole(session.film()));
 		}
-		have_film_ = true;
-		if (!pass.interrupted)
+		pass_start_ = Clock::now();
+		const Window& window = session.film().window();
+		RT_TRY_ASSIGN(const bool is_complete, session.take(done_, count, {{0, 0, window.width, window.height}}));
+		result_.seconds += seconds_since(*pass_start_);
+		pass_start_.reset();
+		result_.interrupted = !is_complete;
+		if (is_complete)
 			done_ += count;
-		return checkpoint();
+		else
+			result_.even = std::move(even);
+		return success();
+	}
+
+	// What has been taken here, with what there was before.
+	Result<Film> whole(Film film) const
+	{
+		if (options_.start)
+			RT_TRY(film.add(*options_.start));
+		return film;
 	}
 
 	// Now and then, and at the end however it came.
-	Status checkpoint()
+	Status checkpoint(const Film& taken)
 	{
 		if (!options_.checkpoint)
 			return success();
@@ -150,37 +132,45 @@ private:
 			return result_.even ? options_.checkpoint(*result_.even) : success();
 		if (done_ < options_.samples && seconds_since(last_checkpoint_) < options_.checkpoint_seconds)
 			return success();
-		RT_TRY(options_.checkpoint(result_.film));
+		RT_TRY_ASSIGN(const Film film, whole(taken));
+		RT_TRY(options_.checkpoint(film));
 		last_checkpoint_ = Clock::now();
 		return success();
 	}
 
-	void tell_progress(const Progress& pass) const
+	Result<PassResult> finish(SessionResult session)
+	{
+		result_.bvh_seconds = session.bvh_seconds;
+		result_.samples = total_samples(session.film);
+		result_.segments = session.film.segments;
+		result_.devices = std::move(session.devices);
+		RT_TRY_ASSIGN(result_.film, whole(std::move(session.film)));
+		return std::move(result_);
+	}
+
+	void tell_progress(const Progress& here) const
 	{
 		if (!options_.progress)
 			return;
-		Progress whole;
-		whole.samples_done = done_ * pixels_ + pass.samples_done;
-		whole.samples_total = options_.samples * pixels_;
-		whole.seconds = result_.seconds + pass.seconds;
+		Progress total;
+		total.samples_done = before_ * pixels_ + here.samples_done;
+		total.samples_total = options_.samples * pixels_;
+		total.seconds = result_.seconds + (pass_start_ ? seconds_since(*pass_start_) : 0.0);
 		if (options_.seconds) { // as many as it will be at this rate
-			const std::uint64_t here = whole.samples_done - before_ * pixels_;
-			const double expected = double(here) * std::max(1.0, *options_.seconds / std::max(whole.seconds, 1e-6));
-			whole.samples_total =
-			    std::min(whole.samples_total, before_ * pixels_ + static_cast<std::uint64_t>(expected));
+			const double rate = std::max(1.0, *options_.seconds / std::max(total.seconds, 1e-6));
+			const auto expected = static_cast<std::uint64_t>(double(here.samples_done) * rate);
+			total.samples_total = std::min(total.samples_total, before_ * pixels_ + expected);
 		}
-		options_.progress(whole, before_ * pixels_);
+		options_.progress(total, before_ * pixels_);
 	}
 
-	void show_snapshot(const Film& pass) const
+	void show_snapshot(const Film& taken) const
 	{
 		if (!options_.snapshot)
 			return;
-		Film whole = pass;
-		// Cannot fail: both are films of this scene, and the last pass will add them just so.
-		if (have_film_ && !whole.add(result_.film))
-			return;
-		options_.snapshot(whole);
+		// Cannot fail: both are films of this scene, and the end will add them just so.
+		if (const Result<Film> film = whole(taken))
+			options_.snapshot(*film);
 	}
 
 	const PackedScene& packed_;
@@ -188,8 +178,8 @@ private:
 	PassOptions options_;
 	std::uint64_t pixels_;
 	PassResult result_;
-	bool have_film_ = false;
-	std::uint32_t done_ = 0, before_ = 0; // samples a pixel: in result_.film, and before this run
+	std::uint32_t done_ = 0, before_ = 0;         // samples a pixel: by now, and before this run
+	std::optional<Clock::time_point> pass_start_; // while one is under way
 	Clock::time_point last_checkpoint_;
 };
 

@@ -5,6 +5,7 @@
 // of some seconds, each over the whole window. After each pass the film is even, holds the samples [0, n), and going
 // on at n gives the bits of a straight run, because sums are integers and random numbers know their sample's number.
 // What a stop loses is the pass that it hits. A render with a time limit is cut the same way, and ends after a pass.
+// All passes are one session: what the scene takes (tree, program, uploads) is made once.
 #pragma once
 
 #include "render/adaptive_render.h"
@@ -41,7 +42,7 @@ struct PassResult {
 	double seconds = 0;                     // rendering, without checkpoints
 	std::uint64_t samples = 0;              // pixel samples taken here, without those of `start`
 	std::uint64_t segments = 0;             // path segments, the same
-	std::vector<DeviceStats> devices;       // passes added up; the build is the first pass's
+	std::vector<DeviceStats> devices;
 };
 
 Result<PassResult> render_in_passes(const PackedScene& packed, const std::vector<DeviceHandle>& devices,

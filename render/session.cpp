@@ -188,7 +188,7 @@ private:
 
 struct Shared {
 	const PackedScene& packed;
-	const SessionOptions options;
+	SessionOptions options;
 
 	Shared(const PackedScene& scene, const SessionOptions& wanted) : packed(scene), options(wanted) {}
 
@@ -245,19 +245,25 @@ public:
 	const DeviceStats& stats() const { return stats_; }
 	bool served_snapshot(unsigned round) const { return snapshot_round_ == round; }
 
-	Status prepare()
+	Status build()
 	{
-		const PackedScene& packed = packed_;
 		const SessionOptions& options = shared_.options;
 		RT_TRY(check_precision(device_->info(), options.precision));
-		const ProgramSpec spec = render_program(packed, device_->info(), options);
+		// Of the shared scene: the lists of packed_ may be gone, and a tree makes no other program.
+		const ProgramSpec spec = render_program(shared_.packed, device_->info(), options);
 		if (options.status)
 			options.status("compiling the kernel for " + device_->info().name);
 		RT_TRY_ASSIGN(program_, device_->build(spec));
 		stats_.build = program_->report();
-		stats_.lanes = render_lanes(packed, device_->info(), options);
+		stats_.lanes = render_lanes(shared_.packed, device_->info(), options);
 		stats_.native_roots = options.precision != Precision::Exact || !options.software_roots;
+		return success();
+	}
 
+	Status prepare()
+	{
+		RT_TRY(build());
+		const PackedScene& packed = packed_;
 		if (packed.spheres.size() <= RT_MAX_FEW_SPHERES) {
 			std::copy(packed.spheres.begin(), packed.spheres.end(), few_.spheres);
 			std::copy(packed.wide.begin(), packed.wide.end(), few_.wide);
@@ -759,6 +765,12 @@ Result<Session> Session::open(const PackedScene& packed, const std::vector<Devic
 		max_alloc = max_alloc && bytes ? std::min(max_alloc, bytes) : std::max(max_alloc, bytes);
 	}
 	state->page_pixels = std::size_t(page_rows(packed, max_alloc)) * scene.window_width;
+	if (options.late_software_roots) {
+		RT_TRY_ASSIGN(const bool needed, options.late_software_roots());
+		if (needed && !std::exchange(state->shared.options.software_roots, true))
+			for (Worker& worker : workers)
+				RT_TRY(worker.build());
+	}
 	return Session(std::move(state));
 }
 

@@ -49,6 +49,9 @@ struct SessionOptions {
 	std::function<void(const std::string&)> status; // "compiling the kernel for ..."
 	std::function<bool()> snapshot_wanted;          // polled between launches
 	std::function<void(const Film&)> snapshot;      // gets the film so far
+	// Asked once by open(), with all made ready and nothing launched yet: are software roots needed after all? So a
+	// device may be tested meanwhile. An error of it is open()'s.
+	std::function<Result<bool>()> late_software_roots;
 };
 
 struct DeviceStats {

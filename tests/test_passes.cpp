@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cstddef>
 #include <string>
 #include <vector>
 
@@ -122,4 +123,42 @@ TEST_CASE("passes go on from a film, and a stop leaves what can be gone on from"
 	REQUIRE(stopped.even);
 	CHECK(stopped.even->hash().hex() == render(packed, reference_device(), {}, 2).hash().hex());
 	CHECK(checkpoints == 3); // the last of the even film
+}
+
+TEST_CASE("a test that runs while a session opens is heard before anything is launched")
+{
+	const PackedScene packed = cloud();
+	const std::string straight = render(packed, reference_device(), {}, samples).hash().hex();
+	for (const TestDevice& device : test_devices())
+		for (const bool needed : {false, true}) {
+			PassOptions options = one_by_one();
+			options.session.software_roots = device.needs_software_roots;
+			std::vector<std::string> done;
+			options.session.status = [&done](const std::string& text) { done.push_back(text.substr(0, 9)); };
+			options.session.late_software_roots = [&] {
+				done.push_back("heard");
+				return Result<bool>(needed);
+			};
+			options.progress = [&done](const Progress&, std::uint64_t) { done.push_back("progress"); };
+			Result<PassResult> result = render_in_passes(packed, {device.device}, std::move(options));
+			INFO(device.name << ", needed " << needed);
+			REQUIRE(result);
+			CHECK(result->film.hash().hex() == straight);
+			CHECK(result->devices[0].native_roots == !(needed || device.needs_software_roots));
+			CHECK(result->devices[0].bvh);
+			// Built again only where the first program was the wrong one.
+			std::vector<std::string> expected = {"building ", "compiling", "heard"};
+			if (needed && !device.needs_software_roots)
+				expected.push_back("compiling");
+			REQUIRE(done.size() > expected.size());
+			CHECK(std::vector<std::string>(done.begin(), done.begin() + std::ptrdiff_t(expected.size())) == expected);
+			CHECK(done[expected.size()] == "progress");
+		}
+
+	PassOptions options = one_by_one();
+	options.session.late_software_roots = [] { return Result<bool>(Error{ErrorKind::SelfTest, "wrong", {}, {}, {}}); };
+	options.progress = [](const Progress&, std::uint64_t) { FAIL("rendered all the same"); };
+	const Result<PassResult> refused = render_in_passes(packed, {reference_device().device}, std::move(options));
+	REQUIRE_FALSE(refused);
+	CHECK(refused.error().kind == ErrorKind::SelfTest);
 }

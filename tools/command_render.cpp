@@ -1,6 +1,5 @@
 #include "tools/command_render.h"
 
-#include "backends/program_cache.h"
 #include "backends/self_test.h"
 #include "common/rt_contract.h"
 #include "render/image_file.h"
@@ -100,7 +99,7 @@ public:
 			if (frame == options_.last_frame)
 				return success();
 			if (stop_requested())
-				return Error{ErrorKind::Interrupted, fmt::format("after frame {}", frame), output_.path,
+				return Error{ErrorKind::Interrupted, fmt::format("after frame {}", frame), output_path(),
 				             fmt::format("go on with --frames {}:{}", frame + 1, options_.last_frame), ""};
 		}
 	}
@@ -151,15 +150,15 @@ private:
 	{
 		times_.begin("enumerate");
 		RT_TRY_ASSIGN(const std::vector<DeviceInfo> chosen, find_devices(options_.device));
+		display_.set_device(device_label(chosen));
 		for (const DeviceInfo& info : chosen) {
 			times_.begin("open_device");
 			RT_TRY_ASSIGN(DeviceHandle device, open_device(info));
-			display_.set_device(device_label(chosen));
 			times_.begin("self_test");
-			RT_TRY(test(device));
-			times_.end();
+			tests_.push_back(begin_test(device));
 			origin_.devices.push_back(std::move(device));
 		}
+		times_.end();
 		return success();
 	}
 
@@ -168,26 +167,36 @@ private:
 		return chosen.size() == 1 ? chosen[0].name : fmt::format("{} devices", chosen.size());
 	}
 
-	// On a device's first start its test and the scene's program both take a compiler's time: so the program is built
-	// during the test, by a handle of its own, and comes to the render through the cache. An error comes again there.
-	// It helps with NVRTC, which compiles two at once; PoCL does one after the other. Nobody waits for it but who
-	// builds the same program: if the test is over first, a tree can be built.
-	std::future<void> compile_ahead(const DeviceInfo& info) const
+	// On a device's first start its test takes a compiler's time. Meanwhile the session is made ready for it: the
+	// scene's tree, its program, its lists on the device. So the test is run beside that, by a handle of its own, and
+	// heard before anything is launched.
+	std::future<Result<SelfTestReport>> begin_test(const DeviceHandle& device) const
 	{
-		if (!cache_is_on() || (!options_.self_test_afresh && remembered_self_test(info, options_.precision)))
-			return {};
-		return std::async(std::launch::async, [info, spec = render_program(packed_, info, session_options())] {
-			if (const Result<DeviceHandle> device = open_device(info))
-				static_cast<void>((*device)->build(spec));
+		const bool afresh = options_.self_test_afresh;
+		const Precision precision = options_.precision;
+		if (!afresh && remembered_self_test(device->info(), precision))
+			return std::async(std::launch::deferred, [=] { return self_test(device, true, precision); });
+		return std::async(std::launch::async, [=]() -> Result<SelfTestReport> {
+			RT_TRY_ASSIGN(const DeviceHandle own, open_device(device->info()));
+			return self_test(own, !afresh, precision);
 		});
 	}
 
-	Status test(const DeviceHandle& device)
+	// True if the devices need software roots.
+	Result<bool> hear_tests()
 	{
-		const DeviceInfo& info = device->info();
-		display_.status("testing " + describe(info));
-		ahead_.push_back(compile_ahead(info));
-		const Result<SelfTestReport> report = self_test(device, !options_.self_test_afresh, options_.precision);
+		if (!tests_.empty())
+			times_.begin("self_test");
+		std::vector<std::future<Result<SelfTestReport>>> tests = std::exchange(tests_, {});
+		for (std::size_t i = 0; i < tests.size(); ++i) {
+			display_.status("testing " + describe(origin_.devices[i]->info()));
+			RT_TRY(judge(origin_.devices[i]->info(), tests[i].get()));
+		}
+		return software_roots_;
+	}
+
+	Status judge(const DeviceInfo& info, const Result<SelfTestReport>& report)
+	{
 		if (!report) {
 			if (!options_.force_unverified)
 				return report.error();
@@ -251,7 +260,6 @@ private:
 
 	Status render()
 	{
-		mark_unverified_name();
 		PassOptions passes;
 		passes.samples = origin_.settings.samples;
 		passes.resumable = is_resumable();
@@ -262,6 +270,11 @@ private:
 		passes.session.stop = &stop_requested();
 		passes.session.status = [this](const std::string& text) { display_.status(text); };
 		passes.session.snapshot_wanted = take_snapshot_request;
+		passes.session.late_software_roots = [this] {
+			const Result<bool> needed = hear_tests();
+			times_.begin("render");
+			return needed;
+		};
 		passes.snapshot = [this](const Film& film) { write_snapshot(film); };
 		passes.progress = [this](const Progress& progress, std::uint64_t before) {
 			catch_signals(); // the kernel's compilation lies between the last call and the first progress
@@ -282,6 +295,7 @@ private:
 		times_.begin("render");
 		Result<PassResult> rendered = render_in_passes(packed_, origin_.devices, std::move(passes));
 		display_.clear();
+		RT_TRY(hear_tests()); // if nothing was left to render, or it failed before: the device's fault comes first
 		if (!rendered)
 			return rendered.error();
 		times_.begin("write_image");
@@ -306,13 +320,12 @@ private:
 	}
 
 	// A name that the user did not choose says it where a viewer shows nothing else and a copy has lost its metadata.
-	void mark_unverified_name()
+	std::string output_path() const
 	{
 		if (!options_.output.empty() || origin_.self_test == "passed")
-			return;
+			return output_.path;
 		const std::filesystem::path path(output_.path);
-		output_.path =
-		    (path.parent_path() / (path.stem().string() + "-unverified" + path.extension().string())).string();
+		return (path.parent_path() / (path.stem().string() + "-unverified" + path.extension().string())).string();
 	}
 
 	static void catch_signals()
@@ -330,7 +343,7 @@ private:
 
 	Status write_output(const Film& film, const std::vector<DeviceStats>& stats) const
 	{
-		return write_image(film, output_.path, output_.format, options_.display, provenance_of(origin_, film, stats));
+		return write_image(film, output_path(), output_.format, options_.display, provenance_of(origin_, film, stats));
 	}
 
 	// SIGUSR1. A failure is told and the render goes on: the disk may have room again when it ends.
@@ -339,13 +352,13 @@ private:
 		display_.clear();
 		if (keep_)
 			report_warning("there is no file for the image so far");
-		else if (output_.path == "-")
+		else if (options_.output == "-")
 			report_warning("the image so far was asked for, and standard output takes only one image",
 			               "name a file with --output");
 		else if (const Status written = write_output(film, {}); !written)
 			report_warning("the image so far could not be written: " + written.error().message, written.error().cure);
 		else if (!options_.quiet)
-			note(fmt::format("{} holds the image so far: {}", output_.path, progress_text(film)));
+			note(fmt::format("{} holds the image so far: {}", output_path(), progress_text(film)));
 	}
 
 	// "5 of 16 samples a pixel", or without the wanted number where nobody named one.
@@ -372,7 +385,7 @@ private:
 		RT_TRY(write_stats(result, kept));
 		// The summary gives way where standard output carries the image or the statistics.
 		const std::string text = summary(result, kept);
-		if (output_.path == "-" || options_.stats == "-")
+		if (options_.output == "-" || options_.stats == "-")
 			print_message(text);
 		else
 			print_result(text);
@@ -389,7 +402,7 @@ private:
 		if (options_.window)
 			size = fmt::format("{}x{} of {}", origin_.window.width, origin_.window.height, size);
 		std::string text =
-		    fmt::format("{}: {}, {} {} a pixel, {}\n", output_.path == "-" ? "standard output" : output_.path, size,
+		    fmt::format("{}: {}, {} {} a pixel, {}\n", options_.output == "-" ? "standard output" : output_path(), size,
 		                samples_text(kept), kept.max_samples() == 1 ? "sample" : "samples", precision_text());
 		std::vector<std::string> names;
 		for (const DeviceHandle& device : origin_.devices)
@@ -435,7 +448,7 @@ private:
 	{
 		if (options_.stats.empty())
 			return success();
-		frames_.push_back(frame_json(origin_, packed_, result, kept, output_.path));
+		frames_.push_back(frame_json(origin_, packed_, result, kept, output_path()));
 		nlohmann::ordered_json all = run_json(origin_, times_);
 		if (options_.frame_count() == 1)
 			all.update(frames_.front());
@@ -450,7 +463,7 @@ private:
 
 	Status finish_interrupted(const PassResult& result)
 	{
-		Error stopped{ErrorKind::Interrupted, "", output_.path, "", ""};
+		Error stopped{ErrorKind::Interrupted, "", output_path(), "", ""};
 		if (keep_) {
 			stopped.message = "before the render was complete; nothing was compared";
 			stopped.where = "";
@@ -467,8 +480,8 @@ private:
 		times_.end();
 		RT_TRY(finish(result, kept));
 		stopped.message =
-		    fmt::format("{} holds {}", output_.path == "-" ? "standard output" : output_.path, progress_text(kept));
-		const std::string& from = options_.checkpoint.empty() ? output_.path : options_.checkpoint;
+		    fmt::format("{} holds {}", options_.output == "-" ? "standard output" : output_path(), progress_text(kept));
+		const std::string from = options_.checkpoint.empty() ? output_path() : options_.checkpoint;
 		if (result.even)
 			stopped.cure =
 			    fmt::format("go on from {} samples a pixel with --resume {}", samples_text(*result.even), from);
@@ -496,7 +509,7 @@ private:
 	FilmOrigin origin_;
 	PackedScene packed_;
 	bool software_roots_ = false;
-	std::vector<std::future<void>> ahead_; // programs being compiled
+	std::vector<std::future<Result<SelfTestReport>>> tests_; // of origin_.devices, until they are heard
 	std::vector<nlohmann::ordered_json> frames_;
 };
 

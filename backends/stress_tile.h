@@ -2,8 +2,11 @@
 #pragma once
 
 #include "backends/backend.h"
+#include "common/rt_features.h"
 #include "support/hash.h"
 #include "support/result.h"
+
+#include <cstdint>
 
 namespace rt {
 
@@ -13,7 +16,11 @@ extern const char* const stress_tile_hash;
 // The same in the double rung.
 extern const char* const stress_tile_double_hash;
 
-// Renders the tile with a program that has the entry rt_render, all features and so many lanes; its spheres are tried
+// What its image needs: every surface, and none of the samplers and estimators that users ask for.
+constexpr std::uint32_t stress_tile_features =
+    RT_FEATURE_ALL & ~(RT_FEATURE_SOBOL | RT_FEATURE_STRATIFIED | RT_FEATURE_LIGHTS | RT_FEATURE_ROULETTE);
+
+// Renders the tile with a program that has the entry rt_render, these features and so many lanes; its spheres are tried
 // one after the other or found through a small tree, which must give the same hash.
 Result<Hash128> render_stress_tile(Device& device, const ProgramHandle& program, std::uint32_t lanes,
                                    bool through_tree);

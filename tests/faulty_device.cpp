@@ -12,6 +12,8 @@ public:
 	{
 		info_ = device_->info();
 		info_.name += " with a fault: " + fault_.name;
+		if (fault_.native_lanes)
+			info_.native_lanes = fault_.native_lanes;
 	}
 
 	Result<ProgramHandle> build(const ProgramSpec& spec) override

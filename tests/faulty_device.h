@@ -9,6 +9,7 @@
 #include "backends/backend.h"
 
 #include <cstddef>
+#include <cstdint>
 #include <functional>
 #include <string>
 #include <vector>
@@ -20,6 +21,7 @@ struct Fault {
 	std::vector<TextEdit> edits;    // made in every program, or in those of one root:
 	std::string only_root = {};     // "kernels/render.cl"; empty: all
 	bool allow_contraction = false; // those programs are built with the compiler's contraction on
+	std::uint32_t native_lanes = 0; // that the device says it has, which need be no fault; 0: its own
 	bool stale_program = false;     // every build gives the first program that was built for its root
 	// Called after each read with what was read, to change it; empty: nothing is changed.
 	std::function<void(std::size_t offset, unsigned char* data, std::size_t bytes)> tamper = {};

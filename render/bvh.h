@@ -18,7 +18,6 @@ namespace rt {
 // side by side for several lanes.
 struct BvhStats {
 	std::uint64_t nodes = 0;
-	std::uint64_t leaves = 0;
 	std::uint32_t stack = 0; // links that a walk keeps at most
 	double sphere_tests = 0; // expected for a random ray that meets the root's box: the surface area heuristic
 	double node_visits = 0;  // likewise

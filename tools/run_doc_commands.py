@@ -1,15 +1,14 @@
 #!/usr/bin/env python3
 """Runs the commands of a document's ```console blocks and writes what they print below them.
 
-usage: tools/run_doc_commands.py docs/porting.md [BUILD_DIR [TEXT]]
+    tools/run_doc_commands.py docs/porting.md
+    tools/run_doc_commands.py docs/porting.md build "rt verify"
 
-BUILD_DIR is `build` if it is not given; with TEXT only the commands that contain it are run, and the others keep what
-stands below them.
-
-A line "$ command" is run by bash in the root of the checkout, with BUILD_DIR's programs on the PATH and an empty
+A line "$ command" is run by bash in the root of the checkout, with the build's programs on the PATH and an empty
 directory as $TMPDIR, which all commands of the document share. What it prints, errors included, replaces the lines up
 to the next command or the end of the block; a status other than 0 is told in a line of its own.
 """
+import argparse
 import os
 import pathlib
 import subprocess
@@ -47,14 +46,16 @@ def rewritten(text, only, environment):
 
 
 def main():
-    if not 2 <= len(sys.argv) <= 4:
-        sys.exit(__doc__)
-    document = pathlib.Path(sys.argv[1])
-    build = (ROOT / (sys.argv[2] if len(sys.argv) > 2 else "build")).resolve()
-    only = sys.argv[3] if len(sys.argv) > 3 else ""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("document", type=pathlib.Path)
+    parser.add_argument("build", nargs="?", default="build", help="where the programs are (build)")
+    parser.add_argument("text", nargs="?", default="", help="run only the commands that contain this; the others keep "
+                                                            "what stands below them")
+    options = parser.parse_args()
+    document, build = options.document, (ROOT / options.build).resolve()
     with tempfile.TemporaryDirectory() as scratch:
         environment = dict(os.environ, NO_COLOR="1", TMPDIR=scratch, PATH=f"{build}:{os.environ['PATH']}")
-        document.write_text(rewritten(document.read_text(encoding="utf-8"), only, environment), encoding="utf-8")
+        document.write_text(rewritten(document.read_text(encoding="utf-8"), options.text, environment), encoding="utf-8")
 
 
 main()

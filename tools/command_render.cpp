@@ -18,6 +18,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <future>
+#include <optional>
 #include <utility>
 
 #include <unistd.h>
@@ -155,7 +156,7 @@ private:
 			times_.begin("open_device");
 			RT_TRY_ASSIGN(DeviceHandle device, open_device(info));
 			times_.begin("self_test");
-			tests_.push_back(begin_test(device));
+			RT_TRY(test(device->info()));
 			origin_.devices.push_back(std::move(device));
 		}
 		times_.end();
@@ -170,27 +171,28 @@ private:
 	// On a device's first start its test takes a compiler's time. Meanwhile the session is made ready for it: the
 	// scene's tree, its program, its lists on the device. So the test is run beside that, by a handle of its own, and
 	// heard before anything is launched.
-	std::future<Result<SelfTestReport>> begin_test(const DeviceHandle& device) const
+	Status test(const DeviceInfo& info)
 	{
 		const bool afresh = options_.self_test_afresh;
 		const Precision precision = options_.precision;
-		if (!afresh && remembered_self_test(device->info(), precision))
-			return std::async(std::launch::deferred, [=] { return self_test(device, true, precision); });
-		return std::async(std::launch::async, [=]() -> Result<SelfTestReport> {
-			RT_TRY_ASSIGN(const DeviceHandle own, open_device(device->info()));
-			return self_test(own, !afresh, precision);
-		});
+		if (!afresh)
+			if (const std::optional<SelfTestReport> known = remembered_self_test(info, precision))
+				return judge(info, *known);
+		tests_.emplace_back(info, std::async(std::launch::async, [=]() -> Result<SelfTestReport> {
+			                    RT_TRY_ASSIGN(const DeviceHandle own, open_device(info));
+			                    return self_test(own, !afresh, precision);
+		                    }));
+		return success();
 	}
 
-	// True if the devices need software roots.
+	// True if a device needs software roots.
 	Result<bool> hear_tests()
 	{
 		if (!tests_.empty())
 			times_.begin("self_test");
-		std::vector<std::future<Result<SelfTestReport>>> tests = std::exchange(tests_, {});
-		for (std::size_t i = 0; i < tests.size(); ++i) {
-			display_.status("testing " + describe(origin_.devices[i]->info()));
-			RT_TRY(judge(origin_.devices[i]->info(), tests[i].get()));
+		for (auto& [info, report] : std::exchange(tests_, {})) {
+			display_.status("testing " + describe(info));
+			RT_TRY(judge(info, report.get()));
 		}
 		return software_roots_;
 	}
@@ -509,7 +511,7 @@ private:
 	FilmOrigin origin_;
 	PackedScene packed_;
 	bool software_roots_ = false;
-	std::vector<std::future<Result<SelfTestReport>>> tests_; // of origin_.devices, until they are heard
+	std::vector<std::pair<DeviceInfo, std::future<Result<SelfTestReport>>>> tests_; // not heard yet
 	std::vector<nlohmann::ordered_json> frames_;
 };
 

@@ -695,6 +695,7 @@ struct Session::State {
 	std::vector<Worker> workers;
 	std::size_t page_pixels = 0;
 	bool interrupted = false, begun = false;
+	bool film_is_fresh = true; // nothing is in it
 	double bvh_seconds = 0, render_seconds = 0;
 
 	// `fresh`: nothing has been rendered into the film yet but other pages.
@@ -740,6 +741,10 @@ Result<Session> Session::open(const PackedScene& packed, const std::vector<Devic
 	state->shared.film =
 	    Film(scene.width, scene.height, {scene.window_x, scene.window_y, scene.window_width, scene.window_height},
 	         packed.film_exponent);
+	if (options.start) {
+		RT_TRY(state->shared.film.add(*options.start));
+		state->film_is_fresh = false;
+	}
 
 	std::map<std::uint32_t, PackedScene>& trees = state->trees;
 	std::vector<Worker>& workers = state->workers;
@@ -778,10 +783,9 @@ Result<bool> Session::take(std::uint32_t first_sample, std::uint32_t samples, co
 {
 	Shared& shared = state_->shared;
 	const Clock::time_point start = Clock::now();
-	const bool fresh = !state_->begun;
-	state_->begun = true;
-	if (fresh)
+	if (!std::exchange(state_->begun, true))
 		shared.start = shared.last_progress = start;
+	const bool fresh = std::exchange(state_->film_is_fresh, false);
 	std::uint64_t wanted = shared.samples_done;
 	for (const Page& page : pages_of(windows, state_->page_pixels)) {
 		wanted += std::uint64_t(page.part_pixels) * samples;

@@ -43,6 +43,7 @@ struct SessionOptions {
 	std::uint32_t slices = 0;              // parts that a pixel's samples are taken in, side by side; 0: by the device
 	std::uint32_t rows_per_launch = 0;     // 0: chosen by time
 	std::uint32_t samples_per_launch = 0;
+	const Film* start = nullptr;             // a film to go on from, of this scene and window; open() takes it in
 	std::uint64_t host_bytes_beside = 0;     // that the caller takes beside the film: reckoned with, not taken
 	const std::atomic<bool>* stop = nullptr; // when true, the launch in flight is finished and the film so far returned
 	std::function<void(const Progress&)> progress;  // one call at a time, about ten a second

@@ -29,16 +29,23 @@ public:
 	// All passes in one session: programs, lists and trees are made once.
 	Result<PassResult> run()
 	{
-		if (options_.start)
-			done_ = before_ = options_.start->min_samples();
+		SessionOptions wanted = options_.session;
+		wanted.progress = [this](const Progress& progress) { tell_progress(progress); };
+		wanted.snapshot = [this](const Film& film) {
+			if (options_.snapshot)
+				options_.snapshot(film);
+		};
+		if (options_.start) {
+			wanted.start = &*options_.start;
+			done_ = before_ = wanted.start->min_samples();
+			segments_before_ = wanted.start->segments;
+		}
 		if (done_ >= options_.samples) {
 			result_.film = std::move(options_.start).value_or(Film());
 			return std::move(result_);
 		}
-		SessionOptions wanted = options_.session;
-		wanted.progress = [this](const Progress& progress) { tell_progress(progress); };
-		wanted.snapshot = [this](const Film& film) { show_snapshot(film); };
 		RT_TRY_ASSIGN(Session session, Session::open(packed_, devices_, wanted));
+		options_.start.reset();
 		last_checkpoint_ = Clock::now();
 		while (done_ < options_.samples && !result_.interrupted) {
 			const std::uint32_t count = next_count();
@@ -99,9 +106,8 @@ private:
 	{
 		// What a stop would leave of this pass cannot be told from the passes before it.
 		std::optional<Film> even;
-		if (options_.resumable && done_ > 0) {
-			RT_TRY_ASSIGN(even, whole(session.film()));
-		}
+		if (options_.resumable && done_ > 0)
+			even = session.film();
 		pass_start_ = Clock::now();
 		const Window& window = session.film().window();
 		RT_TRY_ASSIGN(const bool is_complete, session.take(done_, count, {{0, 0, window.width, window.height}}));
@@ -115,16 +121,8 @@ private:
 		return success();
 	}
 
-	// What has been taken here, with what there was before.
-	Result<Film> whole(Film film) const
-	{
-		if (options_.start)
-			RT_TRY(film.add(*options_.start));
-		return film;
-	}
-
 	// Now and then, and at the end however it came.
-	Status checkpoint(const Film& taken)
+	Status checkpoint(const Film& film)
 	{
 		if (!options_.checkpoint)
 			return success();
@@ -132,19 +130,18 @@ private:
 			return result_.even ? options_.checkpoint(*result_.even) : success();
 		if (done_ < options_.samples && seconds_since(last_checkpoint_) < options_.checkpoint_seconds)
 			return success();
-		RT_TRY_ASSIGN(const Film film, whole(taken));
 		RT_TRY(options_.checkpoint(film));
 		last_checkpoint_ = Clock::now();
 		return success();
 	}
 
-	Result<PassResult> finish(SessionResult session)
+	PassResult finish(SessionResult session)
 	{
 		result_.bvh_seconds = session.bvh_seconds;
-		result_.samples = total_samples(session.film);
-		result_.segments = session.film.segments;
+		result_.samples = total_samples(session.film) - before_ * pixels_;
+		result_.segments = session.film.segments - segments_before_;
 		result_.devices = std::move(session.devices);
-		RT_TRY_ASSIGN(result_.film, whole(std::move(session.film)));
+		result_.film = std::move(session.film);
 		return std::move(result_);
 	}
 
@@ -164,21 +161,13 @@ private:
 		options_.progress(total, before_ * pixels_);
 	}
 
-	void show_snapshot(const Film& taken) const
-	{
-		if (!options_.snapshot)
-			return;
-		// Cannot fail: both are films of this scene, and the end will add them just so.
-		if (const Result<Film> film = whole(taken))
-			options_.snapshot(*film);
-	}
-
 	const PackedScene& packed_;
 	const std::vector<DeviceHandle>& devices_;
 	PassOptions options_;
 	std::uint64_t pixels_;
 	PassResult result_;
-	std::uint32_t done_ = 0, before_ = 0;         // samples a pixel: by now, and before this run
+	std::uint32_t done_ = 0, before_ = 0; // samples a pixel: by now, and before this run
+	std::uint64_t segments_before_ = 0;
 	std::optional<Clock::time_point> pass_start_; // while one is under way
 	Clock::time_point last_checkpoint_;
 };

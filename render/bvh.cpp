@@ -173,14 +173,14 @@ std::vector<Item> items_of(const PackedScene& packed, const std::array<float, 3>
 	std::vector<Item> items;
 	reserve_pages(items, packed.spheres.size() - wide);
 	items.resize(packed.spheres.size() - wide);
-	*extent = merged_by_all<Extent>(0, items.size(), [&](Extent& sum, std::size_t i) {
-		          const rt_sphere& s = packed.spheres[wide + i];
-		          items[i] = {{s.cx - center[0], s.cy - center[1], s.cz - center[2]},
-		                      s.radius,
-		                      static_cast<std::uint32_t>(wide + i)};
-		          for (const float c : items[i].center)
-			          sum.value = std::max(sum.value, std::fabs(c) + s.radius);
-	          }).value;
+	const Extent all = merged_by_all<Extent>(0, items.size(), [&](Extent& sum, std::size_t i) {
+		const rt_sphere& s = packed.spheres[wide + i];
+		items[i] = {
+		    {s.cx - center[0], s.cy - center[1], s.cz - center[2]}, s.radius, static_cast<std::uint32_t>(wide + i)};
+		for (const float c : items[i].center)
+			sum.value = std::max(sum.value, std::fabs(c) + s.radius);
+	});
+	*extent = all.value;
 	return items;
 }
 
@@ -589,9 +589,7 @@ Result<PackedScene> with_bvh(const PackedScene& packed, std::uint32_t lanes, Bvh
 			tree = Builder(items, shape, first_stored, 0).build(&root);
 
 		PackedScene out; // not before the tree stands: there are enough copies in memory while it grows
-		reserve_pages(out.spheres, packed.spheres.size());
-		reserve_pages(out.sphere_ids, packed.sphere_ids.size());
-		reserve_pages(out.sphere_materials, packed.sphere_materials.size());
+		out.reserve_spheres(packed.spheres.size());
 		out = packed;
 		// Store the spheres as the leaves want them.
 		parallel_for(count, min_parallel_items, [&](std::uint64_t begin, std::uint64_t end) {

@@ -218,9 +218,7 @@ Status pack_spheres(const Scene& scene, PackedScene& out)
 
 	// Each (material, hollow) pair that a sphere uses becomes a packed material, in order of first use.
 	std::vector<std::int64_t> packed_material(scene.materials.size() * 2, -1);
-	reserve_pages(out.spheres, scene.spheres.size());
-	reserve_pages(out.sphere_ids, scene.spheres.size());
-	reserve_pages(out.sphere_materials, scene.spheres.size());
+	out.reserve_spheres(scene.spheres.size());
 	for (const bool wide_pass : {true, false}) {
 		for (std::size_t i = 0; i < scene.spheres.size(); ++i) {
 			const Sphere& sphere = scene.spheres[i];
@@ -371,6 +369,13 @@ std::uint64_t PackedScene::bytes() const
 	       (sphere_ids.size() + sphere_materials.size() + texels.size()) * sizeof(std::uint32_t) +
 	       lights.size() * sizeof(rt_light) + bvh.size() * sizeof(rt_row4) + materials.size() * sizeof(rt_material) +
 	       textures.size() * sizeof(rt_texture);
+}
+
+void PackedScene::reserve_spheres(std::size_t count)
+{
+	reserve_pages(spheres, count);
+	reserve_pages(sphere_ids, count);
+	reserve_pages(sphere_materials, count);
 }
 
 void PackedScene::free_lists()

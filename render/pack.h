@@ -6,6 +6,7 @@
 #include "render/scene.h"
 #include "support/result.h"
 
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -28,6 +29,8 @@ struct PackedScene {
 
 	std::uint64_t bytes() const; // device memory of everything above
 	void free_lists();           // gives their memory back; what is no list stays
+	// Room for the lists of so many spheres, ready to be filled (support/pages.h).
+	void reserve_spheres(std::size_t count);
 };
 
 // Shifts the scene in double so that the camera is the origin and rounds it once. Errors (Usage): values outside the

@@ -172,6 +172,13 @@ def is_gpu(entry):
     return any(row["peer"] == "rt cuda" and "skipped" not in row for row in entry["rows"])
 
 
+def worst(of, measured):
+    """Of what was measured the least or the largest; Unknown if nothing was."""
+    if not measured:
+        raise Unknown("not measured")
+    return of(measured)
+
+
 def against(case, peers, own="rt cuda", key="seconds"):
     """How many times rt's time, or what `key` says, these peers' is at least, on all devices of the kind of `own`."""
     def figure(results):
@@ -186,9 +193,7 @@ def against(case, peers, own="rt cuda", key="seconds"):
                 mine, peer = min(pairs, key=lambda pair: pair[1][key] / pair[0][key])
                 measured.append(Measured(peer[key] / mine[key], entry["device"], entry["date"],
                                          f"{mine['peer']} against {peer['peer']}" if len(peers) > 1 else ""))
-        if not measured:
-            raise Unknown("not measured")
-        return min(measured)
+        return worst(min, measured)
     return figure
 
 
@@ -208,9 +213,7 @@ def opencl_against_cuda(results):
             ratios.append(Measured(film_seconds(opencl["phases"], "min") / film_seconds(cuda["phases"], "min"),
                                    cuda["device"]["name"], cuda["date"],
                                    f"rt bench, {cuda['scene']}; launches alone {launches:.2f}"))
-    if not ratios:
-        raise Unknown("not measured")
-    return max(ratios)
+    return worst(max, ratios)
 
 
 def error_time(case):
@@ -225,9 +228,7 @@ def error_time(case):
                 peer = least(rows, rows.keys() - set(own), "error_time")
                 measured.append(Measured(peer["error_time"] / mine["error_time"], entry["device"], entry["date"],
                                          f"{mine['peer']} against {peer['peer']}"))
-        if not measured:
-            raise Unknown("not measured")
-        return min(measured)
+        return worst(min, measured)
     return figure
 
 
@@ -263,12 +264,11 @@ def million_mean(results):
 def start_seconds(case, backend, which):
     """Median seconds from the command line to the picture; the slowest device of that backend counts."""
     def figure(results):
-        entries = [entry for entry in results["starts"]
+        medians = [Measured(entry[which]["median"], entry["device"]["name"], entry["date"])
+                   for entry in results["starts"]
                    if entry["case"] == case and entry["device"]["backend"] == backend
                    and is_processor(backend, entry["device"]["name"]) == (backend != "cuda")]
-        if not entries:
-            raise Unknown("not measured")
-        return max(Measured(entry[which]["median"], entry["device"]["name"], entry["date"]) for entry in entries)
+        return worst(max, medians)
     return figure
 
 
@@ -278,9 +278,7 @@ def exact_against_fast(backends):
         ratios = [Measured(1 / entry["of_exact"]["fast"], entry["device"], entry["date"])
                   for entry in results["rungs"] if entry["backend"] in backends and "fast" in entry["of_exact"]
                   and is_processor(entry["backend"], entry["device"]) == ("cuda" not in backends)]
-        if not ratios:
-            raise Unknown("not measured")
-        return max(ratios)
+        return worst(max, ratios)
     return figure
 
 

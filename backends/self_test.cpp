@@ -360,8 +360,8 @@ ProgramSpec probe_program(const DeviceInfo& info, bool software_roots)
 	spec.entries = {"rt_probe", "rt_probe_layout", "rt_render"};
 	spec.defines = {{"RT_LANES", fmt::format("{}", info.native_lanes)},
 	                {"RT_DEF_NATIVE_ROOTS", software_roots ? "0" : "1"}};
-	// A GPU's compiler copies every function to where it is called, and takes a third less for what the tile and the
-	// questions need. A processor's gains nothing, and for 16 lanes it loses (docs/performance.md, Steps).
+	// Compilers for one lane, a GPU's, copy every function to where it is called, and take a third less for what the
+	// tile and the questions need. For lanes nothing is gained, and for 16 much is lost (docs/performance.md, Steps).
 	if (info.native_lanes == 1)
 		spec.defines.emplace_back("RT_FEATURES", fmt::format("{:#x}u", stress_tile_features | RT_FEATURE_SOBOL));
 	return spec;

@@ -178,10 +178,11 @@ private:
 		if (!afresh)
 			if (const std::optional<SelfTestReport> known = remembered_self_test(info, precision))
 				return judge(info, *known);
-		tests_.emplace_back(info, std::async(std::launch::async, [=]() -> Result<SelfTestReport> {
-			                    RT_TRY_ASSIGN(const DeviceHandle own, open_device(info));
-			                    return self_test(own, !afresh, precision);
-		                    }));
+		auto report = std::async(std::launch::async, [=]() -> Result<SelfTestReport> {
+			RT_TRY_ASSIGN(const DeviceHandle own, open_device(info));
+			return self_test(own, !afresh, precision);
+		});
+		tests_.emplace_back(info, std::move(report));
 		return success();
 	}
 
@@ -330,6 +331,8 @@ private:
 		return (path.parent_path() / (path.stem().string() + "-unverified" + path.extension().string())).string();
 	}
 
+	std::string shown_path() const { return options_.output == "-" ? "standard output" : output_path(); }
+
 	static void catch_signals()
 	{
 		catch_snapshot_signal();
@@ -403,9 +406,8 @@ private:
 		std::string size = fmt::format("{}x{}", settings.width, settings.height);
 		if (options_.window)
 			size = fmt::format("{}x{} of {}", origin_.window.width, origin_.window.height, size);
-		std::string text =
-		    fmt::format("{}: {}, {} {} a pixel, {}\n", options_.output == "-" ? "standard output" : output_path(), size,
-		                samples_text(kept), kept.max_samples() == 1 ? "sample" : "samples", precision_text());
+		std::string text = fmt::format("{}: {}, {} {} a pixel, {}\n", shown_path(), size, samples_text(kept),
+		                               kept.max_samples() == 1 ? "sample" : "samples", precision_text());
 		std::vector<std::string> names;
 		for (const DeviceHandle& device : origin_.devices)
 			names.push_back(describe(device->info()));
@@ -481,8 +483,7 @@ private:
 		RT_TRY(write_output(kept, result.devices));
 		times_.end();
 		RT_TRY(finish(result, kept));
-		stopped.message =
-		    fmt::format("{} holds {}", options_.output == "-" ? "standard output" : output_path(), progress_text(kept));
+		stopped.message = fmt::format("{} holds {}", shown_path(), progress_text(kept));
 		const std::string from = options_.checkpoint.empty() ? output_path() : options_.checkpoint;
 		if (result.even)
 			stopped.cure =

@@ -55,7 +55,8 @@ def main():
     document, build = options.document, (ROOT / options.build).resolve()
     with tempfile.TemporaryDirectory() as scratch:
         environment = dict(os.environ, NO_COLOR="1", TMPDIR=scratch, PATH=f"{build}:{os.environ['PATH']}")
-        document.write_text(rewritten(document.read_text(encoding="utf-8"), options.text, environment), encoding="utf-8")
+        text = rewritten(document.read_text(encoding="utf-8"), options.text, environment)
+    document.write_text(text, encoding="utf-8")
 
 
 main()

@@ -107,12 +107,13 @@ public:
 	// Waits until the condition holds; false if it does not within a minute or the process ends first.
 	bool wait_for(const std::function<bool()>& condition)
 	{
-		for (int i = 0; i < 6000; i++) {
+		for (int i = 0; i < 60000; i++) {
 			if (condition())
 				return true;
 			if (ended())
 				return condition();
-			std::this_thread::sleep_for(std::chrono::milliseconds(10));
+			// Some conditions hold for some milliseconds only.
+			std::this_thread::sleep_for(std::chrono::milliseconds(1));
 		}
 		return false;
 	}
